@@ -151,8 +151,10 @@ struct Gateway<'a> {
 /// Program whose references are followed: of two at a time the second one is refused.
 #[derive(Debug, Default)]
 struct StreamHolder {
-    /// Process, 0 for one of the network, and program or network address.
-    holder: (u32, String),
+    /// Process; 0: a program of the network.
+    process: u32,
+    /// Program, or its network address.
+    program: String,
     /// End of the validity of its newest reference.
     until: Time,
     /// Longest time for which one reference keeps other programs out.
@@ -165,7 +167,7 @@ impl StreamHolder {
     /// # Errors
     /// References of another program are in force.
     fn admit(&mut self, sender: &Sender, valid_until: Time, now: Time) -> Result<(), String> {
-        let (process, program) = &self.holder;
+        let Self { process, program, .. } = &*self;
         let is_same = *process == sender.process && (*process != 0 || *program == sender.program);
         if !is_same && now < self.until {
             let place = if *process == 0 { String::new() } else { format!(", process {process}") };
@@ -174,7 +176,7 @@ impl StreamHolder {
             ));
         }
         if !is_same {
-            self.holder = (sender.process, sender.program.clone());
+            (self.process, self.program) = (sender.process, sender.program.clone());
         }
         self.until = valid_until.min(now + self.longest);
         Ok(())

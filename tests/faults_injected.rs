@@ -146,9 +146,12 @@ fn f13_cameras_that_die_are_replaced_in_flight() {
 
 #[test]
 fn f13_cameras_that_die_end_a_flight_through_processes() {
-    let flown = fly(&BRIEF, "--fault mocap-emu:kill@1");
-    assert_eq!(flown.code, Some(1));
-    assert!(flown.message.contains("mocap-emu was killed by signal 9"), "{}", flown.message);
+    for (settings, state) in [("", "Stop"), ("--set vehicle.interface=attitude ", "Descend")] {
+        let flown = fly(&BRIEF, &format!("{settings}--fault mocap-emu:kill@2"));
+        assert_eq!(flown.code, Some(1));
+        assert!(flown.message.contains("mocap-emu was killed by signal 9"), "{}", flown.message);
+        assert!(flown.column("state").contains(&state), "{:?}", flown.column("state"));
+    }
 }
 
 #[test]

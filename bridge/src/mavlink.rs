@@ -212,7 +212,7 @@ impl VehicleProtocol for Mavlink {
             VehicleSetpoint::StartMotors => {
                 known.and_then(|(_, kind)| self.starting.start(now, kind, &self.vehicle))
             }
-            VehicleSetpoint::StopMotors => self.starting.stop(now),
+            VehicleSetpoint::StopMotors => self.starting.stop(now, self.vehicle.heartbeat_at()),
             VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => {
                 self.starting.rest();
                 None
@@ -291,11 +291,11 @@ impl VehicleProtocol for Mavlink {
             }
             match packet.content {
                 MavlinkContent::Timesync(sync) => requests.receive(now, sync, reply),
-                MavlinkContent::Acknowledged { target, .. }
-                    if !encoder.own().is_meant_by(target) => {}
-                MavlinkContent::Acknowledged { command, result, .. } => {
-                    requests.acknowledged(command);
-                    starting.acknowledged(now, command, result, reply);
+                MavlinkContent::Acknowledged { command, result, target } => {
+                    if encoder.own().is_meant_by(target) {
+                        requests.acknowledged(command);
+                        starting.acknowledged(now, command, result, reply);
+                    }
                 }
                 MavlinkContent::Parameter { name, value } => {
                     requests.receive_parameter(vehicle, &name, &value);
@@ -367,7 +367,7 @@ mod tests {
             mavlink.decode(now, wire.as_bytes(), &mut |reply| {
                 refusals += u32::from(matches!(reply, VehicleReply::Refused(_)));
             });
-            (refusals, mavlink.starting.stop(now))
+            (refusals, mavlink.starting.stop(now, None))
         };
         let autopilot = AutopilotFirmware::Known(AutopilotKind::ArduPilot);
         let heartbeat =

@@ -4,7 +4,7 @@
 //!              idle     requested, not running           running           rest over, armed
 //!   Inhibited ──────▶ Off ───────────────────▶ Starting ─────────▶ Running ──────────────────▶ Stopping
 //!    ▲                 ▲└────── requested, running ────────────────▲ │                          │  │
-//!    │                 └────── stopped; then Starting, if requested ─┴──────────────────────────┘  │
+//!    │                 └──────────────── stopped ────────────────────┴──────────────────────────┘  │
 //!    └───── a sequence timed out, the daemon is silent, motors stopped in flight or in a start ─────┘
 //! ```
 //!
@@ -23,7 +23,8 @@
 //! - Ours: only an operator's stop stops motors that the bridge did not start, such as those of a vehicle that was flying when the
 //!   bridge was restarted. Otherwise they are left alone, because a pilot may fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only after a stop
-//!   sequence that failed, and when the bridge ends while motors run; never to motors that a pilot may have started.
+//!   sequence that failed, and when the bridge ends while motors run; never to motors that a pilot may have started. A Stop of the
+//!   daemon in flight is a zero set-point, then the stop sequence.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -85,7 +86,7 @@ struct MotorTransition {
 }
 
 /// All transitions; the first whose condition holds is taken.
-const TRANSITIONS: [MotorTransition; 15] = {
+const TRANSITIONS: [MotorTransition; 14] = {
     use MotorState::{Inhibited, Off, Running, Starting, Stopping};
     use MotorTransition as T;
     [
@@ -99,8 +100,8 @@ const TRANSITIONS: [MotorTransition; 15] = {
         },
         T { from: Off, to: Running, when: |c| c.requested && c.running },
         T { from: Off, to: Starting, when: |c| c.requested && (c.stopped || c.armed) },
-        // The request was withdrawn: the toggle may have taken effect already, and then must be undone.
-        T { from: Starting, to: Stopping, when: |c| !c.requested },
+        // The request was withdrawn, and not only late: the toggle may have taken effect already, and then must be undone.
+        T { from: Starting, to: Stopping, when: |c| c.disarmed || c.daemon_silent.is_some() },
         // The pilot, or the vehicle itself, has disarmed it while it spooled up.
         T { from: Starting, to: Inhibited, when: |c| c.was_armed && c.stopped },
         T { from: Starting, to: Running, when: |c| c.running },
@@ -110,8 +111,6 @@ const TRANSITIONS: [MotorTransition; 15] = {
         T { from: Running, to: Off, when: |c| c.stopped },
         T { from: Running, to: Inhibited, when: |c| c.daemon_silent.is_some() },
         T { from: Running, to: Stopping, when: |c| c.rest_over && c.armed },
-        // A flight that was requested meanwhile: after half a toggle, the motors would be in either state.
-        T { from: Stopping, to: Starting, when: |c| c.requested && c.stopped && c.settled },
         T { from: Stopping, to: Off, when: |c| c.stopped && c.settled },
         T { from: Stopping, to: Inhibited, when: |c| c.timed_out },
     ]
@@ -148,16 +147,27 @@ pub struct MotorSequencer {
     state: MotorState,
     since: Time,
     longest: Span,
+    /// Time after the last toggle of a start within which the motors may begin to run, or be reported to.
+    takes_effect: Span,
     started_here: bool,
+    /// Instant of the last step in a start that neither running motors nor a later report of stopped ones followed.
+    started_at: Option<Time>,
     /// Whether the last sequence stops motors that the bridge did not start.
     stops_others: bool,
 }
 
 impl MotorSequencer {
-    /// State machine in state `Inhibited` at `now`; its sequences last at most `longest`.
-    pub fn new(now: Time, longest: Span) -> Self {
-        let state = MotorState::Inhibited;
-        Self { state, since: now, longest, started_here: false, stops_others: false }
+    /// State machine in state `Inhibited` at `now`; its sequences last at most `longest`, and a report is at most `status_age` old.
+    pub fn new(now: Time, longest: Span, status_age: Span) -> Self {
+        Self {
+            state: MotorState::Inhibited,
+            since: now,
+            longest,
+            takes_effect: SETTLING_TIME + status_age,
+            started_here: false,
+            started_at: None,
+            stops_others: false,
+        }
     }
 
     /// The present state.
@@ -173,7 +183,7 @@ impl MotorSequencer {
     /// Sets the state `Inhibited`, and leaves the motors alone: another has control.
     pub fn release(&mut self, now: Time) {
         self.inhibit(now);
-        self.started_here = false;
+        (self.started_here, self.started_at) = (false, None);
     }
 
     /// Whether the last sequence stops motors that the bridge did not start.
@@ -181,18 +191,30 @@ impl MotorSequencer {
         self.stops_others
     }
 
+    /// Whether the motors may still begin to run because of a start sequence that has ended.
+    pub fn may_start(&self) -> bool {
+        self.started_at.is_some()
+    }
+
     /// Whether the motors may run because of what the bridge sent.
     pub fn may_run(&self) -> bool {
-        self.started_here || !matches!(self.state, MotorState::Inhibited | MotorState::Off)
+        self.started_here
+            || self.may_start()
+            || !matches!(self.state, MotorState::Inhibited | MotorState::Off)
     }
 
     /// Makes the transition whose condition holds at `now`, if any; returns the event to be logged. Sets the last three fields of
     /// `conditions` itself.
     pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorEvent> {
         let lasted = now.since(self.since);
-        self.started_here |= self.state == MotorState::Starting && conditions.armed;
+        if self.state == MotorState::Starting {
+            self.started_at = Some(now);
+        }
+        self.started_here |= self.may_start() && conditions.armed;
         let was_armed = self.state == MotorState::Starting && self.started_here;
         self.started_here &= !conditions.stopped;
+        let has_effect = |at: &Time| now.since(*at) < self.takes_effect || !conditions.stopped;
+        self.started_at = self.started_at.filter(|at| !conditions.armed && has_effect(at));
         let conditions = MotorConditions {
             started_here: self.started_here,
             was_armed,

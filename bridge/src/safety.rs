@@ -83,7 +83,7 @@ impl CommandGate {
     pub fn new(now: Time, limits: SafetyLimits) -> Self {
         Self {
             limits,
-            motors: MotorSequencer::new(now, limits.sequence),
+            motors: MotorSequencer::new(now, limits.sequence, limits.status_age),
             newest: None,
             status: None,
             control: ControlHolder::Nobody,
@@ -143,7 +143,11 @@ impl CommandGate {
         match status {
             None => StoppedMotors::Unknown,
             // A toggle that was sent may still take effect.
-            Some(status) if status.motors.are_armed() || self.is_in_sequence() => {
+            Some(status)
+                if status.motors.are_armed()
+                    || self.is_in_sequence()
+                    || self.motors.may_start() =>
+            {
                 StoppedMotors::Running
             }
             Some(_) => StoppedMotors::Off,
@@ -197,6 +201,7 @@ impl CommandGate {
             (MotorState::Running, Some(command)) => VehicleSetpoint::Fly(command),
             // Start and stop are one toggle: sent only while a status shows that it is needed.
             (MotorState::Starting, Some(_)) if conditions.stopped => VehicleSetpoint::StartMotors,
+            // Also if a flight is requested meanwhile: half a toggle leaves the motors in either state.
             (MotorState::Stopping, _) if conditions.armed => VehicleSetpoint::StopMotors,
             _ => VehicleSetpoint::Zero,
         };
@@ -215,13 +220,9 @@ impl CommandGate {
         }
     }
 
-    /// Whether the start sequence is being sent, or follows the stop sequence because a flight is requested at `now`.
-    pub fn is_starting(&self, now: Time) -> bool {
-        match self.motors.state() {
-            MotorState::Starting => true,
-            MotorState::Stopping => self.flight(now).is_some(),
-            _ => false,
-        }
+    /// Whether the start sequence is being sent.
+    pub fn is_starting(&self) -> bool {
+        self.motors.state() == MotorState::Starting
     }
 
     /// Whether a motor sequence is being sent: a fresh status is then urgent.

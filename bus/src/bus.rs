@@ -43,14 +43,10 @@ impl Bus {
     /// # Errors
     /// The instance belongs to another user, shared memory is full, or the operating system refuses.
     pub fn open(paths: &InstancePaths) -> Result<Self, BusError> {
-        Self::join(paths, false)
-    }
-
-    fn join(paths: &InstancePaths, is_visitor: bool) -> Result<Self, BusError> {
         check_descriptors()?;
         paths.prepare()?;
         check_free_memory()?;
-        let membership = Membership::join(paths, is_visitor)?;
+        let membership = Membership::join(paths)?;
         let node = Box::new(InstanceNode::join(paths, &membership)?);
         let events = EventPorts::new(Rc::clone(&membership));
         let signals = SignalFlags::default();
@@ -59,7 +55,7 @@ impl Bus {
     }
 
     /// Joins the instance at `paths` if it has members; `None` otherwise. Creates no directory, and removes nothing of an instance
-    /// without members; the configuration of a daemon that was killed remains if this process is the last to leave.
+    /// without members. If this process is the last to leave, the configuration of the daemon remains: it may have been killed.
     ///
     /// # Errors
     /// As [`Bus::open`].
@@ -72,7 +68,9 @@ impl Bus {
             Err(error) => Err(system(format!("opening {}", paths.root.display()), &error)),
             Ok(_) => {
                 paths.prepare()?;
-                Membership::exists(paths).then(|| Self::join(paths, true)).transpose()
+                Membership::exists(paths)
+                    .then(|| Self::open(paths).map(Self::as_visitor))
+                    .transpose()
             }
         }
     }
@@ -98,9 +96,15 @@ impl Bus {
         Self { signals, ..self }
     }
 
-    /// This bus for an observer, whose readers take the places for observers: [`BusError::Crowded`] if there is none.
+    /// This bus for an observer, whose readers take the places for observers: [`BusError::Crowded`] if there is none. The configuration
+    /// of the daemon remains as for [`Bus::open_running`].
     pub fn for_observer(self) -> Self {
-        Self { place: ReaderPlace::Observer, ..self }
+        Self { place: ReaderPlace::Observer, ..self.as_visitor() }
+    }
+
+    fn as_visitor(self) -> Self {
+        self.membership.keep_config();
+        self
     }
 
     /// Paths and names of the instance.

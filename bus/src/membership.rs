@@ -32,8 +32,8 @@ const LOCK_TIMEOUT: Span = Span::from_millis(3000);
 /// Closing has a shorter time-out: files that cannot be removed now are removed by the next process that joins.
 const CLOSE_TIMEOUT: Span = Span::from_millis(300);
 
-/// Files in the directory of an instance that end with its last process.
-const SESSION_FILES: [&str; 6] = [WIRE, LAW, LAW_UNREADY, CHAIN, CHAIN_UNREADY, CONFIG];
+/// Files in the directory of an instance that end with its last process, beside the daemon's configuration.
+const SESSION_FILES: [&str; 5] = [WIRE, LAW, LAW_UNREADY, CHAIN, CHAIN_UNREADY];
 
 /// Membership of one process in an instance, until it is dropped.
 #[derive(Debug)]
@@ -43,8 +43,8 @@ pub(crate) struct Membership {
     lock: File,
     members: Members,
     run: InstanceRun,
-    /// Whether the process joined a running instance, whose processes may have been killed since.
-    is_visitor: bool,
+    /// Whether the daemon's configuration remains if this process is the last to leave.
+    keeps_config: Cell<bool>,
     /// Number of [`InstanceLock`]s of this membership \[-\].
     depth: Cell<u32>,
     /// Whether the lock was not free when a port was last closed.
@@ -60,7 +60,7 @@ impl Membership {
     ///
     /// # Errors
     /// The instance belongs to another user, or a suspended process holds its lock.
-    pub(crate) fn join(paths: &InstancePaths, is_visitor: bool) -> Result<Rc<Self>, BusError> {
+    pub(crate) fn join(paths: &InstancePaths) -> Result<Rc<Self>, BusError> {
         let directory = paths.directory();
         let give_up = Time::now() + LOCK_TIMEOUT;
         loop {
@@ -79,6 +79,7 @@ impl Membership {
             let members = Members::default();
             members.join(&directory)?;
             let (depth, closes_unlocked) = (Cell::new(0), Cell::new(false));
+            let keeps_config = Cell::new(false);
             let _ = flock(&lock, FlockOperation::Unlock);
             return Ok(Rc::new(Self {
                 prefix,
@@ -86,7 +87,7 @@ impl Membership {
                 lock,
                 members,
                 run,
-                is_visitor,
+                keeps_config,
                 depth,
                 closes_unlocked,
             }));
@@ -110,6 +111,11 @@ impl Membership {
     pub(crate) fn files(&self) -> io::Result<((PathBuf, File), InstanceRun, Members)> {
         let home = (self.directory.clone(), self.lock.try_clone()?);
         Ok((home, self.run.clone_handle()?, self.members.clone()))
+    }
+
+    /// Leaves the configuration of the daemon, which may have been killed, for the next one.
+    pub(crate) fn keep_config(&self) {
+        self.keeps_config.set(true);
     }
 
     /// Locks the files of the instance. A lock already held by this membership is shared.
@@ -210,8 +216,10 @@ impl Drop for Membership {
             remains::remove_dead(&self.prefix);
             // The open directory, even if another one has just taken its name.
             let open = PathBuf::from(format!("/proc/self/fd/{}", self.lock.as_raw_fd()));
-            remove(&open, &session_files(!self.is_visitor));
-            remove(&open, &[private::LINK, MEMBERS]);
+            remove(&open, &[&SESSION_FILES[..], &[private::LINK, MEMBERS]].concat());
+            if !self.keeps_config.get() {
+                remove(&open, &[CONFIG]);
+            }
             // Only an empty directory is removed; a process waiting for its lock checks this.
             let _ = std::fs::remove_dir(&self.directory);
         }
@@ -221,14 +229,8 @@ impl Drop for Membership {
 /// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` lost their run: they end by
 /// themselves. The configuration of a daemon that was killed remains for the next one.
 fn start_run(prefix: &str, directory: &Path, lock: &File) -> Result<InstanceRun, BusError> {
-    remove(directory, &session_files(false));
-    remove(directory, &[MEMBERS]);
+    remove(directory, &[&SESSION_FILES[..], &[MEMBERS]].concat());
     InstanceRun::start(prefix, directory, lock)
-}
-
-/// Files that end with the last process, with or without the configuration of its daemon.
-fn session_files(with_config: bool) -> Vec<&'static str> {
-    SESSION_FILES.into_iter().filter(|name| with_config || *name != CONFIG).collect()
 }
 
 /// Removes files that exist.

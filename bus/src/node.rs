@@ -260,6 +260,8 @@ impl Drop for InstanceNode {
         // Without the lock, the next process that joins cleans up.
         let (Some(node), Some(lock)) = (self.node.take(), lock) else { return };
         clean_up(&node, &self.membership, &lock);
+        // The files of the node, too, are removed under the lock.
+        drop(node);
     }
 }
 

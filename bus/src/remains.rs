@@ -24,7 +24,7 @@ pub(crate) fn shared(name: &str) -> PathBuf {
 /// Maximum length read of a description \[bytes\]; the descriptions of iceoryx2 have some hundreds.
 const LONGEST_DESCRIPTION: u64 = 1 << 16;
 
-/// Time in which a living process gives an object its size.
+/// Time after which an empty object counts as left by a dead process.
 const EMPTY_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// Objects of one run of an instance in shared memory.
@@ -149,8 +149,9 @@ pub(crate) fn remove_half_made(prefix: &str, run: &Path) {
     }
 }
 
-/// Removes objects that a process made and did not live to give a size: iceoryx2 0.10 waits without end for it. A living process does
-/// so within microseconds, but not under the lock; an object that stays empty for [`EMPTY_TIMEOUT`] is taken for a dead one's.
+/// Removes objects of size zero, left by a process that was killed before it set their size: the clean-up of iceoryx2 0.10 waits for
+/// them for ever. A living process sets the size within microseconds, without the lock; an object is removed only if it stays empty for
+/// [`EMPTY_TIMEOUT`].
 pub(crate) fn remove_empty(prefix: &str) {
     let empty = || -> Vec<(PathBuf, u64)> {
         let objects = files(Path::new(SHARED_MEMORY), prefix).into_iter();

@@ -81,7 +81,9 @@ const PLAIN: &str = "";
 const DISTURBED: &str = "gust and payload";
 /// Case of the circle.
 const CIRCLE: &str = "circle";
-/// Time of the payload, the later of the two disturbances, from arming \[s\].
+/// Time of the gust, the earlier of the two disturbances, from arming \[s\].
+const GUST_S: f64 = 16.0;
+/// Time of the payload, from arming \[s\].
 const PAYLOAD_S: f64 = 24.0;
 /// Payload over the mass of the vehicle \[-\].
 const PAYLOAD: f64 = 0.1;
@@ -137,20 +139,21 @@ impl CampaignArgs {
     }
 
     /// Every test on the configured trajectory; if that is the square, also a circle, and a hover with a gust and a payload unless
-    /// disturbances are configured or the hover ends before them.
+    /// disturbances are configured or are outside its scored time.
     fn cases(&self, config: &Config) -> Vec<Case> {
         let mut cases = vec![Case::of_seeds(PLAIN, self.seeds())];
         if config.trajectory.kind != TrajectoryKind::Square {
             return cases;
         }
-        let landing_s = hover_ends_s(config);
-        if config.plant.disturb.is_empty() && landing_s <= PAYLOAD_S {
+        let is_disturbed = !config.plant.disturb.is_empty();
+        if !is_disturbed && !scores_disturbances(config) {
             say_notes([format!(
-                "the hover with gust and payload is left out: the payload is added {PAYLOAD_S} s after arming, and the landing begins after {landing_s:.1} s; give a longer trajectory.duration-s"
+                "the hover with gust and payload is left out: the gust begins {GUST_S} s after arming, the payload is added after {PAYLOAD_S} s, and one of them is outside the scored time; change trajectory.duration-s or trajectory.settle-s"
             )]);
-        } else if config.plant.disturb.is_empty() {
+        } else if !is_disturbed {
             let payload = readable(PAYLOAD * config.vehicle.mass_kg);
-            let loads = ["gust@16+3=3,0,0m/s".to_owned(), format!("mass@{PAYLOAD_S}={payload}kg")];
+            let loads =
+                [format!("gust@{GUST_S}+3=3,0,0m/s"), format!("mass@{PAYLOAD_S}={payload}kg")];
             let loads = Setting::flag("campaign", "plant.disturb", loads.to_vec());
             let hover = Case::of_seeds(DISTURBED, self.seeds()).flown_as(&[Test::Hover]);
             cases.push(hover.with(loads));
@@ -227,12 +230,14 @@ impl CampaignArgs {
     }
 }
 
-/// Time at which the landing of a hover begins, from arming \[s\]; infinite if the hover is invalid, which its flight reports.
-fn hover_ends_s(config: &Config) -> f64 {
+/// Whether the time in which a hover is scored contains both disturbances; also if the hover is invalid, which its flight reports.
+fn scores_disturbances(config: &Config) -> bool {
     let mut hover = config.clone();
     hover.trajectory.kind = TrajectoryKind::Hover;
-    let plan = |trajectory| FlightPlan::from_origin(&hover.trajectory, &trajectory);
-    oqtal_daemon::trajectory(&hover).map_or(f64::INFINITY, |it| plan(it).planned_landing_s())
+    let Ok(trajectory) = oqtal_daemon::trajectory(&hover) else { return true };
+    let plan = FlightPlan::from_origin(&hover.trajectory, &trajectory);
+    // A payload at the beginning of the landing has no effect.
+    [GUST_S, PAYLOAD_S.next_up()].into_iter().all(|at_s| plan.scored(at_s))
 }
 
 /// Columns before those of Table V.
@@ -277,14 +282,16 @@ mod tests {
     }
 
     #[test]
-    fn a_hover_that_ends_before_its_loads_is_left_out() {
+    fn a_hover_that_is_not_scored_during_its_loads_is_left_out() {
         let line = <Line as clap::Parser>::parse_from(["campaign"]);
-        let cases = |duration_s| {
+        let settle_s = Config::default().trajectory.settle_s;
+        let cases = |duration_s, settle_s| {
             let mut config = Config::default();
-            config.trajectory.duration_s = duration_s;
+            (config.trajectory.duration_s, config.trajectory.settle_s) = (duration_s, settle_s);
             line.campaign.cases(&config).into_iter().map(|case| case.name).collect::<Vec<_>>()
         };
-        assert_eq!(cases(None), [PLAIN, DISTURBED, CIRCLE]);
-        assert_eq!(cases(Some(12.0)), [PLAIN, CIRCLE]);
+        assert_eq!(cases(None, settle_s), [PLAIN, DISTURBED, CIRCLE]);
+        assert_eq!(cases(Some(12.0), settle_s), [PLAIN, CIRCLE]);
+        assert_eq!(cases(None, 20.0), [PLAIN, CIRCLE], "scored after the gust");
     }
 }

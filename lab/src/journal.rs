@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Seek, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,6 +33,8 @@ pub struct Journal {
     path: PathBuf,
     file: Mutex<File>,
     kept: HashMap<u64, KeptResult>,
+    /// Whether the file has a result.
+    has_result: AtomicBool,
 }
 
 /// Result from before an interruption, and whether the resumed study used it.
@@ -60,7 +62,12 @@ impl Journal {
             Ok(file)
         });
         let file = begun.map_err(|error| unwritable(path, &error))?;
-        Ok(Self { path: path.to_owned(), file: Mutex::new(file), kept: HashMap::new() })
+        Ok(Self::of(path, file))
+    }
+
+    fn of(path: &Path, file: File) -> Self {
+        let (path, file) = (path.to_owned(), Mutex::new(file));
+        Self { path, file, kept: HashMap::new(), has_result: AtomicBool::new(false) }
     }
 
     /// The journal in the file `path`, with the results of an interrupted study. A line that was not written to its end is left out.
@@ -77,17 +84,25 @@ impl Journal {
             Failure::new(Exit::Usage, reason)
         };
         fs::metadata(path).map_err(|_| usage("no interrupted study"))?;
-        let file = locked(path)?;
+        let mut file = locked(path)?;
         let text = fs::read_to_string(path).map_err(|_| usage("no interrupted study"))?;
-        let (head, lines) = text.split_once('\n').unwrap_or((&text, ""));
+        let text = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+        let (head, lines) = text.split_once('\n').unwrap_or((text, ""));
         if head.rsplit_once(' ').is_none_or(|(of, _)| of != program()) {
             return Err(usage("flown by another build of this program"));
         }
         let line = |line| serde_json::from_str::<JournalLine>(line).ok();
         let lines: Vec<JournalLine> = lines.lines().filter_map(line).collect();
-        // Written again without the torn line.
-        let mut journal = Self::begin(path, &file)?;
-        lines.iter().try_for_each(|line| journal.append(line))?;
+        // The head of a journal without results may have other arguments.
+        if lines.is_empty() {
+            return Self::begin(path, &file);
+        }
+        // Only the torn line is removed: the others stay in the file at any time.
+        let end = text.len() as u64;
+        let cut = file.set_len(end).and_then(|()| file.seek(SeekFrom::Start(end)));
+        cut.map_err(|error| unwritable(path, &error))?;
+        let mut journal = Self::of(path, file);
+        journal.has_result = AtomicBool::new(true);
         let kept = |JournalLine { key, kept: value }| {
             (key, KeptResult { value, is_used: AtomicBool::new(false) })
         };
@@ -147,7 +162,14 @@ impl Journal {
     fn append(&self, line: &JournalLine) -> Result<(), Failure> {
         let line = format!("{}\n", serde_json::to_string(line).expect("a line is plain JSON"));
         let mut file = self.file.lock().expect("no holder of this lock panics");
-        file.write_all(line.as_bytes()).map_err(|error| unwritable(&self.path, &error))
+        file.write_all(line.as_bytes()).map_err(|error| unwritable(&self.path, &error))?;
+        self.has_result.store(true, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Whether the file has a result.
+    pub fn has_result(&self) -> bool {
+        self.has_result.load(Ordering::Relaxed)
     }
 
     /// The path of the file.

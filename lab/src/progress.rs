@@ -108,10 +108,14 @@ impl Progress {
         }
         match &self.journal {
             Some(journal) if self.interrupted.is_set() => {
-                let reason = format!(
-                    "interrupted; {} keeps what was flown: the same command with --resume continues",
-                    journal.path().display()
-                );
+                let reason = match journal.has_result() {
+                    true => format!(
+                        "interrupted; {} keeps the results so far: the same command with --resume continues",
+                        journal.path().display()
+                    ),
+                    false => "interrupted before the first result that is kept: the same command begins again"
+                        .to_owned(),
+                };
                 Err(Failure::new(Exit::Flight, reason))
             }
             _ => Ok(()),
@@ -189,5 +193,22 @@ impl Bar<'_> {
 impl Drop for Bar<'_> {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interrupted_study_names_its_journal_only_if_it_keeps_a_result() {
+        let directory = tempfile::tempdir().unwrap();
+        let journal = Journal::create(&directory.path().join("journal")).unwrap();
+        let progress = Progress { journal: Some(journal), ..Progress::default() };
+        progress.interrupted.set();
+        let reason = || progress.check().unwrap_err().to_string();
+        assert!(!reason().contains("--resume"), "{}", reason());
+        progress.journal.as_ref().unwrap().keep(1, &7).unwrap();
+        assert!(reason().contains("--resume"), "{}", reason());
     }
 }

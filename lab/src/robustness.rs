@@ -31,7 +31,7 @@ use crate::reproduce::page::{self, PageHead};
 use crate::sheet::Sheet;
 use crate::study::args::{StudyArgs, command, say_notes};
 use crate::study::gains::{self, GainSource};
-use crate::study::law::{self, StudyLaw};
+use crate::study::law::{self, STUDY_DEFAULT, StudyLaw};
 use crate::study::{Flown, failure, records};
 
 use draws::{Draw, MOST_DRAWS};
@@ -99,12 +99,9 @@ const FILES: [&str; 3] = ["robustness.html", "robustness.md", "robustness.json"]
 /// Key in the document, and name as a case, of the draws of `--spread`.
 const DRAWS: &str = "draws";
 
-/// Setting of the study unless it is given: with the shipped limit, the integrators of the laws on the default stack cannot hold the
-/// heaviest vehicles, and their hover errors are three to four times as large.
+/// Setting of the study unless it is given, or is one of the gains of a law: with the shipped limit, the integrators of the laws on
+/// the default stack cannot hold the heaviest vehicles, and their hover errors are three to four times as large.
 const INTEGRAL_LIMIT: (&str, f64) = ("position.velocity-integral-limit-m-s2", 4.0);
-
-/// Origin of a setting of the study itself.
-const STUDY: &str = "robustness";
 
 /// The page.
 const PAGE: PageHead = PageHead {
@@ -118,7 +115,7 @@ const PAGE: PageHead = PageHead {
 
 /// The settings under which all draws are flown: `given`, over the one of the study itself.
 pub fn with_defaults(given: Vec<Setting>) -> Vec<Setting> {
-    let mut common = vec![Setting::flag(STUDY, INTEGRAL_LIMIT.0, INTEGRAL_LIMIT.1)];
+    let mut common = vec![Setting::flag(STUDY_DEFAULT, INTEGRAL_LIMIT.0, INTEGRAL_LIMIT.1)];
     common.extend(given);
     common
 }
@@ -135,7 +132,7 @@ pub fn draw_plants(
 ) -> Result<Vec<Draw>, Failure> {
     let mut draws = Draw::several(spread, common, numbers)?;
     let of_study = common.iter().rfind(|setting| setting.key == INTEGRAL_LIMIT.0);
-    if let Some(setting) = of_study.filter(|setting| setting.origin == STUDY) {
+    if let Some(setting) = of_study.filter(|setting| setting.origin == STUDY_DEFAULT) {
         draws.iter_mut().for_each(|draw| draw.settings.insert(0, setting.clone()));
     }
     Ok(draws)

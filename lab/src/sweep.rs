@@ -1,5 +1,6 @@
 //! `oqtal sweep`: figures of laws over values of any keys of the configuration.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -137,7 +138,7 @@ impl SweepArgs {
     /// Flies every combination with every law and prints the figures.
     ///
     /// # Errors
-    /// A key or value is invalid (exit code 78), there are too many combinations (64), or the file cannot be written (71).
+    /// A key or value is invalid (exit code 78), there are too many combinations or a key is given twice (64), or the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let settings = self.study.settings()?;
         let config = Config::from_settings(&settings)?;
@@ -249,6 +250,11 @@ impl SweepArgs {
 
 /// All combinations of the axes' values; the last axis varies fastest.
 fn combinations(axes: &[Axis]) -> Result<Vec<Vec<toml::Value>>, Failure> {
+    let mut keys = BTreeSet::new();
+    if let Some(Axis { key, .. }) = axes.iter().find(|axis| !keys.insert(&axis.key)) {
+        let reason = format!("{key} is given twice; give all its values once, as {key}=A,B,C");
+        return Err(Failure::new(Exit::Usage, reason));
+    }
     let count = axes.iter().try_fold(1_usize, |count, axis| count.checked_mul(axis.values.len()));
     if count.is_none_or(|count| count > MOST_COMBINATIONS) {
         let reason = format!("more than {MOST_COMBINATIONS} combinations; sweep fewer values");
@@ -326,5 +332,7 @@ mod tests {
         assert_eq!(all.len(), 6);
         assert_eq!(all[1], [toml::Value::from(1.0), toml::Value::from("y")]);
         assert!(combinations(&[axis("a=0:1:1000"), axis("b=0:1:1000")]).is_err());
+        let twice = combinations(&[axis("a=1,2"), axis("b=1"), axis("a=3")]).unwrap_err();
+        assert_eq!(twice.exit, Exit::Usage);
     }
 }

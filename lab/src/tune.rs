@@ -3,6 +3,7 @@
 pub mod bee_colony;
 mod cma_es;
 pub mod live;
+mod objective;
 pub mod online;
 pub mod optimiser;
 pub mod outer;
@@ -189,13 +190,11 @@ impl TuneArgs {
 
     /// Arguments that select flights and weights, where they are not the default ones, each preceded by a space.
     pub fn options(&self) -> String {
-        let Range { start, end } = self.seeds;
-        let seeds = (self.seeds != TRAINING_SEEDS).then(|| format!(" --seeds {start}-{}", end - 1));
-        let spread = self.spread.as_ref().map(|spread| format!(" --spread {}", quoted(spread)));
+        let flights = Some(options_of(&self.seeds, self.spread.as_deref()));
         let weights = Some(self.weights.join(",")).filter(|weights| !weights.is_empty());
         let weights = weights.map(|weights| format!(" --weights {}", quoted(&weights)));
         let study = (!self.live.live).then(|| self.study.words());
-        [seeds, spread, weights, study].into_iter().flatten().collect()
+        [flights, weights, study].into_iter().flatten().collect()
     }
 
     /// Weights of the objective.
@@ -237,6 +236,14 @@ impl TuneArgs {
     fn own<'a>(&self, flights: &'a TrainingFlights) -> Vec<&'a Setting> {
         flights.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()
     }
+}
+
+/// Arguments that select seeds and spread, where they are not the default ones, each preceded by a space.
+pub fn options_of(seeds: &Range<u64>, spread: Option<&str>) -> String {
+    let Range { start, end } = seeds;
+    let seeds = (*seeds != TRAINING_SEEDS).then(|| format!(" --seeds {start}-{}", end - 1));
+    let spread = spread.map(|spread| format!(" --spread {}", quoted(spread)));
+    [seeds, spread].into_iter().flatten().collect()
 }
 
 /// Result of a command with these failed searches, of `all`.

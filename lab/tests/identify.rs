@@ -6,6 +6,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_control::predictive::{
     Bias, CommandHistory, Integration, ModelInput, Motion, Rotation, VehicleModel,
 };
+use oqtal_lab::identify::command::check_distinct;
 use oqtal_lab::identify::data::{CommandRecord, FlightData, PoseRecord};
 use oqtal_lab::identify::excitation_flight;
 use oqtal_lab::identify::finding::rules;
@@ -125,6 +126,7 @@ fn a_parameter_that_a_hover_does_not_determine_is_not_written() {
     let config = Config::from_settings(&settings).unwrap();
     let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
     let identification = identified(&flight);
+    assert!(check_distinct(&[&flight]).is_ok() && check_distinct(&[&flight, &flight]).is_err());
     let drag = identification.of_key("vehicle.drag-per-s")[0];
     assert_eq!(drag.missing, Some(rules::DRAG.motion), "{drag:?}");
     let text = vehicle_toml::toml(&identification, &flight.config);

@@ -244,7 +244,7 @@ impl Comparison {
     }
 }
 
-/// Plot of traces over time, as far as they are drawn.
+/// Plot of traces over time; the axis spans the points that are drawn.
 fn over_time(title: &str, traces: Vec<Trace>) -> Markup {
     let points = traces.iter().flat_map(|trace| &trace.points);
     let drawn = points.filter(|point| is_drawable_point(point));

@@ -6,12 +6,9 @@
 mod column;
 mod row;
 
-use std::collections::HashMap;
 use std::io::Write;
 
-use oqtal_bus::time::Time;
-
-use crate::flight::{AppliedCommand, Flight};
+use crate::flight::Flight;
 
 use column::ColumnSink;
 pub use column::{ColumnValues, TelemetryColumn};
@@ -49,16 +46,8 @@ pub fn columns(flight: &Flight) -> Vec<TelemetryColumn> {
 
 /// The rows of the file, one for each tick.
 fn rows(flight: &Flight) -> impl Iterator<Item = Row<'_>> {
-    // Each daemon of a recording counts its commands from 1, and `woken_at` is the instant of the tick.
-    let by_tick = |command: &AppliedCommand| (command.sequence, command.stamps.woken_at);
-    let applied: HashMap<(u64, Time), &AppliedCommand> =
-        flight.applied.iter().map(|command| (by_tick(command), command)).collect();
     let origin = flight.origin();
-    flight.samples.iter().map(move |sample| {
-        let tick = (sample.telemetry.command_sequence, sample.telemetry.time);
-        let applied = applied.get(&tick).copied();
-        Row { sample, applied, origin }
-    })
+    flight.samples_with_commands().map(move |(sample, applied)| Row { sample, applied, origin })
 }
 
 /// Cells as text: numbers as the shortest decimals that reproduce them exactly.

@@ -152,6 +152,15 @@ pub(crate) fn changes_settings(event: &EventV1) -> bool {
     matches!(OperatorCommand::from_code(event.command), Some(Set | Undo | Reload))
 }
 
+/// Keys of the settings that the request changes.
+pub(crate) fn changed_keys(event: &EventV1) -> impl Iterator<Item = &str> {
+    let lines = event.text.as_str().lines();
+    lines.filter_map(|line| match line.split_once('=') {
+        Some((key, _)) => Some(key),
+        None => line.strip_suffix(" unset"),
+    })
+}
+
 /// Instant at which a request was made, which is received at `received_at`; `None` in virtual time, whose instants are not those of the
 /// clock of the machine.
 pub fn made_at(received_at: Time, event: &EventV1) -> Option<Time> {

@@ -2,13 +2,14 @@
 
 use std::fmt;
 
-use crate::latency::{Distribution, HopDistributions, OnwardTime};
+use crate::latency::{Distribution, HopDistributions};
 use oqtal_bus::code::{Cause, HandoverCause, SafetyState};
-use oqtal_bus::message::{EventV1, ExternalV1, Stamps};
+use oqtal_bus::message::{EventV1, ExternalV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
 use serde::{Deserialize, Serialize};
 
+pub use crate::applied_command::AppliedCommand;
 use crate::command_path::CommandPath;
 use crate::crash::Crash;
 pub use crate::flight_sample::FlightSample;
@@ -96,19 +97,6 @@ pub struct PoseArrival {
     pub attitude: [f64; 4],
     /// Whether the cameras saw the body.
     pub is_tracked: bool,
-}
-
-/// Command that reached the vehicle.
-#[derive(Clone, Copy, Debug)]
-pub struct AppliedCommand {
-    /// Sequence number \[-\].
-    pub sequence: u64,
-    /// Stamps, beginning with the capture of the pose.
-    pub stamps: Stamps,
-    /// Time from the last stamp to the effect.
-    pub onward: OnwardTime,
-    /// Battery voltage when the command was applied \[V\].
-    pub battery_v: f64,
 }
 
 /// Questions to an external law from arming to disarming.

@@ -66,7 +66,8 @@ impl FlightSample {
     }
 
     /// Position minus reference \[m, world\]: at the tick by the truth; without a truth at the capture of the newest pose, to which the
-    /// estimate belongs.
+    /// estimate belongs. There the reference is extrapolated back; in a tick in which its velocity jumps, this is wrong by up to the jump
+    /// times the age of the pose.
     pub fn position_error(&self) -> Vector3<f64> {
         let reference = Vector3::from(self.telemetry.reference_position);
         let age_s = if self.truth.is_some() { 0.0 } else { self.telemetry.pose_age_s };

@@ -8,6 +8,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 
 use crate::event::{self, DaemonCondition};
+use crate::flight_sample::FlightSample;
 use crate::loop_monitor::LoopMonitor;
 use crate::observed_process::ObservedProcess;
 use crate::sink::{Reception, Sink};
@@ -235,10 +236,9 @@ impl InstanceModel {
     }
 }
 
-/// Distance of the estimated position, which has the age of the pose, from the present reference \[m\]; `None` when not flying.
+/// Distance of the estimated position from the reference, both at the capture of the newest pose \[m\]; `None` when not flying.
 pub fn tracking_error_m(tick: &TelemetryV1) -> Option<f64> {
-    let pairs = tick.position.iter().zip(tick.reference_position);
-    let distance = pairs.map(|(is, reference)| (is - reference).powi(2)).sum::<f64>().sqrt();
+    let distance = FlightSample { telemetry: *tick, truth: None }.position_error().norm();
     (distance.is_finite() && tick.mission_s.is_finite()).then_some(distance)
 }
 
@@ -327,6 +327,22 @@ mod tests {
         assert_eq!(status.config_agrees(), Some(false));
         assert!(status.lines().last().unwrap().contains("configurations differ"));
         assert!(model.configs_differ());
+    }
+
+    #[test]
+    fn a_vehicle_that_follows_a_moving_reference_exactly_has_no_error() {
+        let tick = TelemetryV1 {
+            position: [0.97, 0.0, 1.0],
+            reference_position: [1.0, 0.0, 1.0],
+            reference_velocity: [2.0, 0.0, 0.0],
+            pose_age_s: 0.015,
+            mission_s: 5.0,
+            ..TelemetryV1::default()
+        };
+        let mut model = model(&[], Span::ZERO);
+        model.sample(&Reception::default(), Sample::Telemetry(&tick));
+        assert!(model.max_error_m < 1e-9, "{} m", model.max_error_m);
+        assert_eq!(tracking_error_m(&TelemetryV1 { mission_s: f64::NAN, ..tick }), None);
     }
 
     #[test]

@@ -15,6 +15,7 @@
 //! | `event.rs` | events as text |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
+//! | `applied_command.rs` | commands that reached the vehicle, joined with their ticks |
 //! | `law_query.rs` | law, trajectory and changed settings, asked of the daemon |
 //! | `nearest.rs` | joins ticks with the samples nearest in time |
 //! | `summary.rs` | figures of a flight, `summary.json` |
@@ -38,6 +39,7 @@
 //! | `provenance.rs` | the build of the program |
 #![forbid(unsafe_code)]
 
+mod applied_command;
 pub mod attitude_steps;
 pub mod command_path;
 pub mod compare;

@@ -349,10 +349,10 @@ impl Recorder {
             }
         } else {
             let received_at = reception.received_at;
-            // A later file of a recording begins with the changes before it: none of its ticks precedes them.
+            // A later file begins with the changes made before it; they precede all of its ticks.
             let is_before_all = self.daemon_source.is_none();
-            let otherwise = if is_before_all { Time::UNSET } else { received_at };
-            let made_at = made_at(received_at, event).unwrap_or(otherwise);
+            let unknown = if is_before_all { Time::UNSET } else { received_at };
+            let made_at = made_at(received_at, event).unwrap_or(unknown);
             self.requests.insert(request, made_at);
             changes.push((made_at, *event));
         }

@@ -192,7 +192,7 @@ impl VehicleStatus {
             simulated: vehicle.simulated != 0,
             link: vehicle.link != 0,
             armed: is_known.then_some(vehicle.armed != 0),
-            starting: vehicle.starting != 0,
+            starting: vehicle.starting != 0 && vehicle.armed == 0,
             stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),

@@ -57,7 +57,7 @@ pub fn ask(
         let arming = ControlRequestV1 { repeated: u8::from(!is_last), ..arming };
         let Some(response) = send(bus, arming, expected)? else { return Ok(None) };
         if response.answer != Answer::Refused.code() {
-            return begun(bus, response, is_cancelled).map(Some);
+            return begun(bus, response, is_cancelled);
         }
         if is_last || !response.comes_to_rest() {
             return Ok(Some(response));
@@ -71,18 +71,22 @@ pub fn ask(
     }
 }
 
-/// Answer of the daemon once the flight announced by `accepted` has begun; a refusal if it was cancelled or has not begun in time.
+/// Answer of the daemon once the flight announced by `accepted` has begun; a refusal if it was cancelled or has not begun in time, and
+/// `None` if the daemon no longer answers.
 fn begun(
     bus: &Bus,
     accepted: ControlResponseV1,
     is_cancelled: &dyn Fn() -> bool,
-) -> Result<ControlResponseV1, BusError> {
+) -> Result<Option<ControlResponseV1>, BusError> {
     let give_up = Time::now() + BEGIN_TIMEOUT;
     let mut newest = accepted;
     while !is_in_flight(&newest) && !is_called_off(&newest) {
         if Time::now() >= give_up || is_cancelled() {
             // The flight must not begin after the operator was told that it did not.
-            newest = request(bus, OperatorCommand::Disarm, None)?.unwrap_or(newest);
+            let Some(answer) = request(bus, OperatorCommand::Disarm, None)? else {
+                return Ok(None);
+            };
+            newest = answer;
             break;
         }
         std::thread::sleep(Duration::from_millis(10));
@@ -90,7 +94,7 @@ fn begun(
     }
     let is_begun = is_in_flight(&newest);
     let answer = if is_begun { newest.answer } else { Answer::Refused.code() };
-    Ok(ControlResponseV1 { answer, text: accepted.text, ..newest })
+    Ok(Some(ControlResponseV1 { answer, text: accepted.text, ..newest }))
 }
 
 fn is_in_flight(response: &ControlResponseV1) -> bool {

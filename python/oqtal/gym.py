@@ -60,7 +60,7 @@ def _lanes(
 
 
 class _ClosedLanes:
-    """In place of the lanes of a closed environment: every use is an error."""
+    """Stands in for the lanes of a closed environment; every use raises ``UsageError``."""
 
     def __getattr__(self, name: str) -> NoReturn:
         raise UsageError("the environment is closed; make a new one")
@@ -71,7 +71,7 @@ _CLOSED = cast(_native.Lanes, _ClosedLanes())
 
 
 def _later_seed(seed: int) -> int:
-    """First seed of later episodes: of different ``seed`` far apart, so that two runs do not have the same episodes."""
+    """First seed of later episodes. Those of different ``seed`` lie far apart, so that two runs share none."""
     return int(np.random.SeedSequence(seed).generate_state(1, np.uint64)[0] >> np.uint64(2))
 
 

@@ -72,7 +72,7 @@ impl Lanes {
         })?;
         if count == 0 || duration_s.is_nan() || duration_s <= 0.0 {
             return Err(error::usage(format!(
-                "duration is {duration_s} s of {count} vehicles; both must be above 0"
+                "duration is {duration_s} s, number of vehicles {count}; both must be above 0"
             )));
         }
         let shares = task::detached(py, || {

@@ -33,13 +33,13 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Sources {
 }
 
 impl Sources {
-    /// The settings of files and environment, overridden by those of the call.
+    /// The settings of files and environment, overridden by those of the call; complete settings as they are, in their order.
     ///
     /// # Errors
     /// A file is invalid.
     pub fn settings(&self) -> Result<Vec<Setting>, Failure> {
-        let layers = self.files.as_deref().map(Config::layers);
-        let mut settings = layers.transpose()?.unwrap_or_default();
+        let Some(files) = &self.files else { return Ok(self.settings.clone()) };
+        let mut settings = Config::layers(files)?;
         // A dictionary is checked like a file; a single setting may differ from the preset.
         let (of_config, others): (Vec<_>, Vec<_>) =
             self.settings.iter().cloned().partition(|setting| setting.origin == "config");

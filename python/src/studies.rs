@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use clap::ValueEnum;
 use numpy::PyArray1;
 use oqtal_config::{Config, Setting};
-use oqtal_lab::identify::command::{check_interface, record_notes};
+use oqtal_lab::identify::command::{check_distinct, check_interface, record_notes};
 use oqtal_lab::identify::data::FlightData;
 use oqtal_lab::identify::identification::{Identification, Scale, identify as identification_of};
 use oqtal_lab::identify::{excitation_flight, overview, vehicle_toml};
@@ -16,7 +16,7 @@ use oqtal_lab::progress::Progress;
 use oqtal_lab::robustness;
 use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
 use oqtal_lab::robustness::spread::PlantSpread;
-use oqtal_lab::study::args::{receive_notes, say_notes};
+use oqtal_lab::study::args::{receive_notes, say_notes, words_of};
 use oqtal_lab::study::flights::{NOMINAL, Test};
 use oqtal_lab::study::gains::{self, GainSource};
 use oqtal_lab::study::law;
@@ -24,7 +24,7 @@ use oqtal_lab::study::metric::METRIC;
 use oqtal_lab::study::{Case, FlightCondition, Flown, Run, Study};
 use oqtal_lab::tune::optimiser::Optimiser;
 use oqtal_lab::tune::search::{Budget, TrainingFlights, Tuned};
-use oqtal_lab::tune::{space, tune as tuned};
+use oqtal_lab::tune::{options_of, space, tune as tuned};
 use oqtal_observe::flight::Flight;
 use oqtal_runtime::process::{Exit, Failure};
 use pyo3::exceptions::PyUserWarning;
@@ -227,6 +227,7 @@ fn identify(
             ));
         };
         flights.iter().try_for_each(|flight| check_interface(&flight.config))?;
+        check_distinct(&flights)?;
         let data: Vec<FlightData> = flights.iter().map(|flight| FlightData::of(flight)).collect();
         let flown = first.config_of_longest_flight();
         let identification = identification_of(&data, &flown.vehicle, scale)?;
@@ -303,11 +304,14 @@ fn training(
 ) -> Result<TrainingFlights, Failure> {
     let settings = sources.settings()?;
     Config::from_settings(&settings)?;
-    let Some(spread) = spread else { return Ok(TrainingFlights::near(settings, seeds)) };
+    let options = options_of(&seeds, spread) + &words_of(&settings);
+    let Some(spread) = spread else {
+        return Ok(TrainingFlights { options, ..TrainingFlights::near(settings, seeds) });
+    };
     let spread = PlantSpread::named(spread)?;
     say_notes(spread.note(&settings)?);
     let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
-    Ok(TrainingFlights::over(settings, &draws))
+    Ok(TrainingFlights { options, ..TrainingFlights::over(settings, &draws) })
 }
 
 /// Registers the functions.

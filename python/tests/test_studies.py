@@ -93,10 +93,13 @@ def test_a_vehicle_is_identified_and_flown(tmp_path: Path):
     assert list(again.table["name"]) == list(found.table["name"])
     with pytest.raises(oqtal.UsageError, match="flights"):
         oqtal.identify([])
+    with pytest.raises(oqtal.UsageError, match="given twice"):
+        oqtal.identify([recorded, recorded])
 
 
 def test_gains_are_tuned(tmp_path: Path):
-    found = oqtal.tune("pid", budget=8, seeds=range(101, 103))
+    found = oqtal.tune("pid", budget=8, seeds=range(101, 103), plant={"rate_lag_ms": 55.0})
+    assert " --seeds 101-102 --set plant.rate-lag-ms=55.0: objective" in found.toml.splitlines()[0]
     assert found.objective <= found.start and found.values
     assert oqtal.fly(found.save(tmp_path / "tuned.toml")).summary["controller"] == "pid"
     with pytest.raises(oqtal.UsageError, match="nobody"):
@@ -115,6 +118,12 @@ def test_names_of_laws_are_checked():
     assert "oqtal-dt" in oqtal.laws()
     with pytest.raises(oqtal.UsageError, match="nobody"):
         oqtal.campaign(["nobody"])
+
+
+def test_complete_settings_keep_their_order():
+    given = [("OQTAL_VEHICLE__MASS_KG", "vehicle.mass-kg", 0.6), ("config", "vehicle.mass-kg", 0.5), ("config", "vehicle.max-thrust-n", 20.0)]
+    [(_, settings)] = oqtal._native.resolved((None, given), ["pid"], "configured")
+    assert settings[: len(given)] == given
 
 
 def test_workers_of_a_cluster_fly_the_same_rows(rows, monkeypatch, tmp_path: Path):

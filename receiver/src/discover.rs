@@ -20,7 +20,7 @@ const PROTOCOLS: [&str; 3] = ["qtm", "vrpn", "natnet"];
 const NATNET_PORT: u16 = 1510;
 /// Period of polling the socket.
 const POLL_PERIOD: Span = Span::from_millis(20);
-/// Most servers whose answers to a broadcast are kept: each is queried on its own thread \[-\].
+/// Maximum number of servers whose answers to a broadcast are kept; each is queried on its own thread \[-\].
 const MAX_ANSWERS: usize = 64;
 /// The kernel's table of routes.
 const ROUTES: &str = "/proc/net/route";
@@ -60,13 +60,13 @@ pub struct Discovery {
     /// For each named host without a camera system: why each protocol does not reach one.
     pub unanswered: Vec<String>,
     /// Whether so many servers answered the broadcast that further ones are left out.
-    pub is_cut: bool,
+    pub is_truncated: bool,
 }
 
 impl Discovery {
     /// Lines about what was not found.
     pub fn notes(&self) -> impl Iterator<Item = String> {
-        let cut = self.is_cut.then(|| {
+        let cut = self.is_truncated.then(|| {
             format!(
                 "{MAX_ANSWERS} servers answered the broadcast, further ones are left out; name the hosts that are missing, as in `oqtal receiver discover HOST`"
             )
@@ -87,8 +87,8 @@ pub fn discover(hosts: &[String], duration: Span) -> Result<Discovery, Failure> 
     let answered = broadcast(duration).map_err(|error| {
         Failure::new(Exit::System, format!("searching by broadcast failed: {error}"))
     })?;
-    let is_cut = answered.len() >= MAX_ANSWERS;
-    for (link, ip) in answered {
+    let is_truncated = answered.len() > MAX_ANSWERS;
+    for (link, ip) in answered.into_iter().take(MAX_ANSWERS) {
         links.insert(link);
         // VRPN has no broadcast: a host of cameras may serve it beside what answered.
         links.insert(format!("vrpn:{ip}"));
@@ -108,7 +108,7 @@ pub fn discover(hosts: &[String], duration: Span) -> Result<Discovery, Failure> 
         }
     }
     let unanswered = hosts.iter().filter_map(|host| unanswered(host, &failures)).collect();
-    Ok(Discovery { found, unanswered, is_cut })
+    Ok(Discovery { found, unanswered, is_truncated })
 }
 
 /// Why no protocol reaches a camera system at `host`, by the `failures` of the links; `None` if one does.
@@ -149,7 +149,7 @@ fn broadcast(duration: Span) -> io::Result<BTreeSet<(String, IpAddr)>> {
     let mut found = BTreeSet::new();
     let end = Time::now() + duration;
     let mut buffer = [0; 2048];
-    while Time::now() < end && found.len() < MAX_ANSWERS {
+    while Time::now() < end && found.len() <= MAX_ANSWERS {
         if let Ok((count, from)) = socket.recv_from(&mut buffer) {
             found.extend(answer(&buffer[..count], from).map(|link| (link, from.ip())));
         }
@@ -214,7 +214,7 @@ mod tests {
 
     #[test]
     fn servers_beyond_the_greatest_number_are_left_out_with_a_note() {
-        let cut = Discovery { is_cut: true, ..Discovery::default() };
+        let cut = Discovery { is_truncated: true, ..Discovery::default() };
         let notes: Vec<_> = cut.notes().collect();
         assert!(
             notes[0].starts_with("64 servers answered the broadcast, further ones"),

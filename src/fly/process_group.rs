@@ -153,6 +153,18 @@ impl ProcessGroup {
         up.into_iter().find_map(|member| member.child.failure())
     }
 
+    /// The same of the process of the cameras or their receiver, reported once: a vehicle can still descend without poses.
+    pub fn camera_failure(&mut self) -> Option<Failure> {
+        let cameras = |member: &&mut Member| {
+            matches!(member.role, Role::Mocap | Role::Receiver) && !member.is_down
+        };
+        self.members.iter_mut().filter(cameras).find_map(|member| {
+            let failure = member.child.failure();
+            member.is_down = failure.is_some();
+            failure
+        })
+    }
+
     /// Ends all processes and waits for each: the daemon first, which disarms the vehicle, then the bridge, which transmits the
     /// command.
     pub fn shut_down(&mut self) {

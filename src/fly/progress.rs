@@ -114,6 +114,7 @@ fn vehicle(vehicle: &VehicleV1) -> String {
         vehicle if vehicle.control == ControlHolder::Another.code() => {
             return ", another has control".to_owned();
         }
+        VehicleV1 { starting: 1, armed: 1, .. } => ", motors being stopped",
         VehicleV1 { starting: 1, .. } => ", motors starting",
         VehicleV1 { armed: 1, .. } => "",
         _ => ", motors off",

@@ -9,7 +9,7 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
-use oqtal_config::Config;
+use oqtal_config::{ClockKind, Config};
 use oqtal_operator::end_flight;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
@@ -22,6 +22,9 @@ use super::progress::{Interrupts, before_take_off, tell_interrupt};
 
 /// Period of the checks of processes and interrupts.
 const WATCH_PERIOD: Span = Span::from_millis(20);
+
+/// Time beyond the longest descent without poses: the daemon ends the flight before.
+const DESCENT_MARGIN: Span = Span::from_millis(2000);
 
 /// Watches the processes and the operator while the flight is recorded.
 #[derive(Debug)]
@@ -55,10 +58,17 @@ impl<'a> ProcessWatch<'a> {
         let bus = Bus::open(self.paths)?;
         let mut telemetry = bus.reader(&TELEMETRY)?;
         let mut faults = ProcessFaults::open(&bus, self.config)?;
-        let mut landing = None;
+        let (mut landing, mut blind) = (None, None);
         let (mut is_in_flight, mut has_flown) = (false, false);
         while !self.over.is_set() {
+            if let Some(failure) = processes.camera_failure() {
+                blind = Some((failure, Time::now() + self.descent()));
+            }
             processes.failure().map_or(Ok(()), Err)?;
+            let is_over = |until: Time| !is_in_flight || Time::now() > until;
+            if let Some((failure, _)) = blind.take_if(|(_, until)| is_over(*until)) {
+                return Err(failure);
+            }
             self.inject(&mut faults, processes)?;
             if let Some((_, tick)) = telemetry.latest()? {
                 is_in_flight = tick.is_armed();
@@ -92,6 +102,17 @@ impl<'a> ProcessWatch<'a> {
             sleep(until_next.min(WATCH_PERIOD).to_duration());
         }
         Ok(())
+    }
+
+    /// Time after the loss of the cameras within which the daemon ends a flight. In virtual time the other processes wait for them.
+    fn descent(&self) -> Span {
+        let safety = &self.config.safety;
+        match self.config.clock.kind {
+            ClockKind::Real => {
+                Span::from_seconds((safety.coast_ms + safety.descend_ms) * 1e-3) + DESCENT_MARGIN
+            }
+            _ => Span::ZERO,
+        }
     }
 
     /// Injects the faults that are due.

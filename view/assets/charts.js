@@ -96,10 +96,12 @@ export class Charts {
     pen.beginPath();
     pen.rect(LEFT, TOP - 2, width - LEFT - RIGHT, height - BOTTOM - TOP + 4);
     pen.clip();
+    // Points of adjacent pixels are less than two pixels apart.
+    const gap = Math.max(this.store.gap, (2 * (to - from)) / (width - LEFT - RIGHT));
     const order = values.map((_, i) => i);
     for (const i of chart.isStacked ? order.reverse() : order) {
-      const points = thin(values[i], x, width);
-      this.drawTrace(pen, points, { x, y, color: this.color(chart.traces[i][2]), floor: chart.isStacked ? y(0) : null });
+      const points = thin(values[i].filter(([, value]) => value !== null), x, width);
+      this.drawTrace(pen, points, { x, y, gap, color: this.color(chart.traces[i][2]), floor: chart.isStacked ? y(0) : null });
     }
     pen.restore();
     if (!this.isLive) this.drawCursor(pen, x(t), height);
@@ -167,8 +169,9 @@ export class Charts {
     }
   }
 
-  drawTrace(pen, points, { x, y, color, floor }) {
-    let [run, last] = [[], null];
+  // Draws lines through the points, except over a time of more than `gap` without one.
+  drawTrace(pen, points, { x, y, gap, color, floor }) {
+    let [run, last] = [[], -Infinity];
     const flush = () => {
       if (run.length > 1) {
         pen.beginPath();
@@ -187,8 +190,8 @@ export class Charts {
       run = [];
     };
     for (const [t, value] of points) {
-      if (value === null || (last !== null && t - last > this.store.gap)) flush();
-      if (value !== null) run.push([x(t), y(value)]);
+      if (t - last > gap) flush();
+      run.push([x(t), y(value)]);
       last = t;
     }
     flush();
@@ -208,15 +211,13 @@ function stroke(pen, from, to) {
   pen.stroke();
 }
 
-// At most three points for each pixel: minimum, maximum and the first gap.
+// At most two points for each pixel: minimum and maximum.
 function thin(points, x, width) {
   if (points.length < 3 * width) return points;
   const kept = [];
   const flush = (group) => {
-    const known = group.filter(([, value]) => value !== null).sort((a, b) => a[1] - b[1]);
-    const ends = known.length ? [known[0], known[known.length - 1]] : [];
-    const gap = group.find(([, value]) => value === null);
-    kept.push(...(gap ? [...ends, gap] : ends).sort((a, b) => a[0] - b[0]));
+    group.sort((a, b) => a[1] - b[1]);
+    kept.push(...[group[0], group[group.length - 1]].sort((a, b) => a[0] - b[0]));
   };
   let group = [];
   for (const point of points) {

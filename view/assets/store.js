@@ -7,7 +7,7 @@ const SILENT_S = 1;
 // Time without an update after which nothing is known of the present state.
 const UPDATE_TIMEOUT_MS = 2500;
 
-// Time without a row that a line does not cross, where every row is shown [s].
+// Time without a value that a line does not cross, where every row is shown [s].
 const GAP_S = 0.25;
 
 export class Store {

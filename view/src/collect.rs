@@ -84,7 +84,7 @@ pub struct Collector {
     /// Maximum number of events between two calls of [`Collector::take`].
     most_events: usize,
     /// Number of further events \[-\].
-    untold: usize,
+    omitted: usize,
     truths: VecDeque<TruthV1>,
     waiting: Vec<TelemetryV1>,
     last: Option<TelemetryV1>,
@@ -108,7 +108,7 @@ impl Collector {
             armed_at: None,
             begins_in_flight: false,
             most_events: MOST_EVENTS,
-            untold: 0,
+            omitted: 0,
             truths: VecDeque::new(),
             waiting: Vec::new(),
             last: None,
@@ -124,8 +124,8 @@ impl Collector {
     /// Rows and events since the last call; the newest ticks may wait for their truth.
     pub fn take(&mut self) -> Collected {
         self.join();
-        if let Some(last) = self.collected.events.last().filter(|_| self.untold > 0) {
-            let text = untold(std::mem::take(&mut self.untold));
+        if let Some(last) = self.collected.events.last().filter(|_| self.omitted > 0) {
+            let text = omitted(std::mem::take(&mut self.omitted));
             let further = ViewedEvent { t_s: last.t_s, mood: EventMood::Warning, text };
             self.collected.events.push(further);
         }
@@ -222,7 +222,7 @@ impl Collector {
 
     fn note(&mut self, at: Time, (mood, text): (EventMood, String)) {
         if self.collected.events.len() == self.most_events {
-            self.untold += 1;
+            self.omitted += 1;
         } else {
             let t_s = (self.seconds(at) * 1e3).round() * 1e-3;
             self.collected.events.push(ViewedEvent { t_s, mood, text });
@@ -230,8 +230,8 @@ impl Collector {
     }
 }
 
-/// Text in place of this many events that are not shown.
-pub(crate) fn untold(events: usize) -> String {
+/// Text of the line that replaces this many events.
+pub(crate) fn omitted(events: usize) -> String {
     format!("… and {events} more events, which are not shown")
 }
 

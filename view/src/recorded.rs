@@ -8,7 +8,7 @@ use oqtal_observe::flight::Flight;
 use oqtal_observe::recording::{RecordingFile, RecordingFileError, config, flight, play};
 use serde::Serialize;
 
-use crate::collect::{Collected, Collector, EventMood, ViewedEvent, untold};
+use crate::collect::{Collected, Collector, EventMood, ViewedEvent, omitted};
 use crate::row;
 use crate::scene::SceneDescription;
 
@@ -52,7 +52,7 @@ impl RecordedView {
         let thinning = collected.ticks.len().div_ceil(MOST_ROWS).max(1);
         collected.ticks = thinned(&collected.ticks, thinning, row::TICK_CURVES);
         collected.vehicles = thinned(&collected.vehicles, thinning, row::VEHICLE_CURVES);
-        limit(&mut collected.events);
+        truncate_events(&mut collected.events);
         let cut_off = file.cut_off.as_deref();
         let document = Document { collected: &collected, thinning, cut_off };
         let name = file.path.file_name().unwrap_or_default().to_string_lossy();
@@ -77,17 +77,17 @@ fn shift(collected: &mut Collected, origin_s: f64) {
 }
 
 /// Puts the events in order; a line takes the place of those beyond `MOST_EVENTS`.
-fn limit(events: &mut Vec<ViewedEvent>) {
+fn truncate_events(events: &mut Vec<ViewedEvent>) {
     events.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     let count = events.len().saturating_sub(MOST_EVENTS);
     events.truncate(MOST_EVENTS);
     if let Some(t_s) = events.last().filter(|_| count > 0).map(|last| last.t_s) {
-        events.push(ViewedEvent { t_s, mood: EventMood::Warning, text: untold(count) });
+        events.push(ViewedEvent { t_s, mood: EventMood::Warning, text: omitted(count) });
     }
 }
 
-/// One in `thinning` of `rows`: half of them at a regular distance, half with the extremes and the first gap of each of the columns
-/// `curves` in a longer segment. A time without rows is a row without values.
+/// About one row in `thinning`: half at a regular spacing; half are the extremes of each column in `curves`, per segment. A row without
+/// values marks a time without rows. Rows without a value are not kept for it: a page shows a gap only if it is longer than the regular spacing.
 fn thinned<const N: usize>(
     rows: &[[f64; N]],
     thinning: usize,
@@ -96,7 +96,7 @@ fn thinned<const N: usize>(
     if thinning == 1 {
         return rows.to_vec();
     }
-    let segment = 2 * thinning * 3 * curves.len();
+    let segment = 2 * thinning * 2 * curves.len();
     let mut kept: BTreeSet<usize> = (0..rows.len()).step_by(2 * thinning).collect();
     for (number, part) in rows.chunks(segment).enumerate() {
         let of_part = curves.clone().flat_map(|column| extremes(part, column));
@@ -117,12 +117,11 @@ fn thinned<const N: usize>(
     shown
 }
 
-/// Rows of the minimum, the maximum and the first missing value of a column.
+/// Rows of the minimum and the maximum of a column.
 fn extremes<const N: usize>(rows: &[[f64; N]], column: usize) -> impl Iterator<Item = usize> {
     let known = || (0..rows.len()).filter(|row| !rows[*row][column].is_nan());
     let by_value = |a: &usize, b: &usize| rows[*a][column].total_cmp(&rows[*b][column]);
-    let gap = (0..rows.len()).find(|row| rows[*row][column].is_nan());
-    [known().min_by(by_value), known().max_by(by_value), gap].into_iter().flatten()
+    [known().min_by(by_value), known().max_by(by_value)].into_iter().flatten()
 }
 
 #[cfg(test)]
@@ -131,11 +130,14 @@ mod tests {
     use crate::row::TickRow;
 
     #[test]
-    fn thinned_rows_keep_peaks_and_gaps() {
+    fn thinned_rows_keep_peaks_and_gaps_but_not_every_row_without_a_value() {
         let mut rows: Vec<TickRow> = (0..MOST_ROWS * 4).map(|i| [i as f64 / 60.0; _]).collect();
         rows.iter_mut().for_each(|row| row[1..].fill(1.0));
         let curve = row::TICK_CURVES.start;
-        (rows[1001][curve], rows[2003][curve], rows[3005][curve]) = (9.0, -9.0, f64::NAN);
+        (rows[1001][curve], rows[2003][curve]) = (9.0, -9.0);
+        // A row without a value in every segment, and a second of them.
+        rows.iter_mut().skip(6).step_by(104).for_each(|row| row[curve] = f64::NAN);
+        rows[9000..9060].iter_mut().for_each(|row| row[curve] = f64::NAN);
         // Half a second without ticks.
         rows.drain(4001..4030);
         let at = (rows[4000][0], rows[4001][0]);
@@ -146,14 +148,19 @@ mod tests {
         assert!(has(|value| value == 9.0) && has(|value| value == -9.0));
         let gap = shown.iter().position(|row| row[0] == at.0).unwrap() + 1;
         assert!(shown[gap][curve].is_nan() && shown[gap][1] == 1.0 && shown[gap + 1][0] == at.1);
-        assert!(shown.iter().any(|row| row[0] == rows[3005][0] && row[curve].is_nan()));
+        let empty = shown.iter().filter(|row| row[curve].is_nan());
+        let empty: Vec<f64> = empty.map(|row| row[0]).filter(|t_s| *t_s > at.1).collect();
+        assert!(
+            empty.len() >= 7 && empty.iter().all(|t_s| (150.0..152.0).contains(t_s)),
+            "{empty:?}"
+        );
     }
 
     #[test]
     fn events_that_are_not_shown_are_counted() {
         let event = |t_s| ViewedEvent { t_s, mood: EventMood::Neutral, text: String::new() };
         let mut events: Vec<_> = (0..MOST_EVENTS + 7).map(|i| event(i as f64)).collect();
-        limit(&mut events);
+        truncate_events(&mut events);
         assert_eq!(events.len(), MOST_EVENTS + 1);
         assert!(events[MOST_EVENTS].text.contains("7 more"), "{:?}", events[MOST_EVENTS]);
     }

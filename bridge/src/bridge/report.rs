@@ -23,7 +23,7 @@ impl Bridge {
         let (wire, air) = self.on_its_way(on_wire);
         let answers = self.is_answering(now);
         let state = self.monitor.state(now);
-        let motors_run = answers && self.motors_run(now);
+        let motors_run = answers && self.motors_run();
         let is_pending = answers && !self.protocol.is_set_up();
         let vehicle = VehicleV1 {
             command_sequence: self.last_command,
@@ -32,9 +32,7 @@ impl Bridge {
             air_ns: air.nanos(),
             time_out_s: self.protocol.time_out().map_or(0.0, Span::seconds),
             armed: u8::from(motors_run),
-            starting: u8::from(
-                self.gate.is_starting(now) || motors_run && self.gate.is_in_sequence(),
-            ),
+            starting: u8::from(self.gate.is_starting() || motors_run && self.gate.is_in_sequence()),
             stopped: u8::from(self.stopped_since.is_some() && !self.is_released()),
             link: u8::from(answers && (self.gate.is_ready() || self.gate.is_released())),
             control: self.gate.control().code(),
@@ -50,11 +48,11 @@ impl Bridge {
     }
 
     /// Whether motors run, or still may: a flight begins when they do, and a vehicle that is being stopped is not off.
-    fn motors_run(&self, now: Time) -> bool {
+    fn motors_run(&self) -> bool {
         match self.gate.last_motors() {
             Some(ReportedMotors::Running) => true,
             Some(ReportedMotors::SpoolingUp) => {
-                self.gate.is_in_sequence() && !self.gate.is_starting(now)
+                self.gate.is_in_sequence() && !self.gate.is_starting()
             }
             Some(ReportedMotors::Off) | None => false,
         }

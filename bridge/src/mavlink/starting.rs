@@ -46,8 +46,8 @@ pub(super) struct StartSequence {
     /// Commands sent since the last answer \[-\].
     unanswered: u8,
     is_stopping: bool,
-    /// Whether a stop was refused.
-    is_forced: bool,
+    /// Instant at which a stop was refused.
+    refused_at: Option<Time>,
     stream_since: Option<Time>,
     last_setpoint: Option<Time>,
 }
@@ -61,7 +61,7 @@ impl StartSequence {
     /// Ends a sequence; set-points continue.
     pub(super) fn rest(&mut self) {
         (self.not_before, self.unanswered) = (None, 0);
-        (self.is_stopping, self.is_forced) = (false, false);
+        (self.is_stopping, self.refused_at) = (false, None);
     }
 
     /// Records a set-point that is sent at `now`.
@@ -93,16 +93,18 @@ impl StartSequence {
         Some(self.send(now, command))
     }
 
-    /// The command that stopping the motors needs at `now`; `None` for a zero set-point.
-    pub(super) fn stop(&mut self, now: Time) -> Option<Unaddressed> {
+    /// The command that stopping the motors needs at `now`; `None` for a zero set-point. `heartbeat_at`: instant of the last heartbeat.
+    pub(super) fn stop(&mut self, now: Time, heartbeat_at: Option<Time>) -> Option<Unaddressed> {
         if !std::mem::replace(&mut self.is_stopping, true) {
             (self.not_before, self.unanswered) = (None, 0);
         }
-        if !self.is_due(now) {
+        // A pilot may have taken control of a vehicle that refuses: its next heartbeat tells.
+        let is_seen = |at: Time| heartbeat_at.is_some_and(|heartbeat_at| heartbeat_at > at);
+        if !self.is_due(now) || !self.refused_at.is_none_or(is_seen) {
             return None;
         }
         // The daemon requires motors off: a vehicle that reports flight is disarmed by force.
-        let is_forced = self.is_forced || self.unanswered > 0;
+        let is_forced = self.refused_at.is_some() || self.unanswered > 0;
         Some(self.send(now, CommandKind::Arm { run: false, is_forced }))
     }
 
@@ -135,7 +137,7 @@ impl StartSequence {
             AckResult::InProgress => {}
             _ if self.is_stopping => {
                 // Without delay: the daemon requires motors off.
-                (self.is_forced, self.not_before) = (true, Some(now));
+                (self.refused_at, self.not_before) = (Some(now), Some(now));
                 reply(VehicleReply::Refused(refusal));
             }
             _ => {
@@ -165,6 +167,19 @@ impl StartSequence {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_stop_is_forced_once_a_heartbeat_after_its_refusal_shows_no_pilot() {
+        let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
+        let mut sequence = StartSequence::default();
+        let forced = |sent: Option<Unaddressed>| {
+            sent.map(|it| matches!(it.kind, CommandKind::Arm { is_forced: true, .. }))
+        };
+        assert_eq!(forced(sequence.stop(at(0), None)), Some(false));
+        sequence.acknowledged(at(10), ARM, AckResult::Denied, &mut |_| {});
+        assert_eq!(forced(sequence.stop(at(20), Some(at(5)))), None);
+        assert_eq!(forced(sequence.stop(at(70), Some(at(60)))), Some(true));
+    }
 
     #[test]
     fn the_refusal_of_a_mode_that_another_requested_is_not_the_bridge_s() {

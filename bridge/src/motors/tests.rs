@@ -25,10 +25,15 @@ const STOPPED: MotorConditions = MotorConditions { stopped: true, ..NONE };
 const REQUESTED: MotorConditions = MotorConditions { requested: true, ..NONE };
 
 const START: Time = Time::VIRTUAL_START;
+const STATUS_AGE: Span = Span::from_millis(375);
+
+fn new() -> MotorSequencer {
+    MotorSequencer::new(START, LONGEST, STATUS_AGE)
+}
 
 fn motors(state: MotorState, conditions: &MotorConditions) -> MotorSequencer {
     let started_here = conditions.started_here;
-    MotorSequencer { state, started_here, ..MotorSequencer::new(START, LONGEST) }
+    MotorSequencer { state, started_here, ..new() }
 }
 
 fn after(state: MotorState, millis: i64, conditions: MotorConditions) -> MotorState {
@@ -55,19 +60,43 @@ fn a_flight_goes_round() {
     assert_eq!(after(Running, 1, MotorConditions { rest_over: true, ..RUNNING }), Stopping);
     assert_eq!(after(Stopping, 499, STOPPED), Stopping, "that status may be old");
     assert_eq!(after(Stopping, 500, STOPPED), Off);
-    let again = MotorConditions { requested: true, ..STOPPED };
-    assert_eq!([499, 500].map(|ms| after(Stopping, ms, again)), [Stopping, Starting]);
 }
 
 #[test]
 fn motors_that_spool_up_are_stopped_when_the_request_is_withdrawn() {
-    let spooling = MotorConditions { armed: true, ..NONE };
-    let requested = MotorConditions { requested: true, ..spooling };
+    let requested = MotorConditions { armed: true, ..REQUESTED };
+    let spooling = MotorConditions { armed: true, disarmed: true, ..NONE };
     let ours = MotorConditions { started_here: true, rest_over: true, ..spooling };
     assert_eq!([requested, spooling].map(|c| after(Starting, 1, c)), [Starting, Stopping]);
     assert_eq!([after(Stopping, 2999, spooling), after(Off, 1, ours)], [Stopping; 2]);
     let stopped = MotorConditions { stopped: true, started_here: true, ..REQUESTED };
     assert_eq!(after(Starting, 1, stopped), Inhibited, "disarmed by its pilot");
+}
+
+#[test]
+fn a_start_is_not_withdrawn_by_a_pause_of_the_daemon() {
+    let silent = MotorConditions { daemon_silent: Some(LONGEST), ..STOPPED };
+    let disarmed = MotorConditions { disarmed: true, ..STOPPED };
+    let next = [STOPPED, silent, disarmed].map(|conditions| after(Starting, 1, conditions));
+    assert_eq!(next, [Starting, Stopping, Stopping]);
+}
+
+/// The last command of a start has effect, or is reported to have, after the sequence was given up.
+#[test]
+fn motors_that_start_late_are_those_of_the_bridge() {
+    let waiting = MotorConditions { requested: true, ..STOPPED };
+    for (late_ms, is_ours) in [(100, true), (800, true), (1000, false)] {
+        let mut motors = motors(Starting, &waiting);
+        assert_eq!(motors.step(START + LONGEST, waiting), Some(MotorEvent::StartFailed));
+        let later = |ms| START + LONGEST + Span::from_millis(ms);
+        motors.step(later(late_ms - 50), STOPPED);
+        assert_eq!(motors.may_start(), is_ours, "{late_ms}");
+        let disarmed = MotorConditions { idle: true, disarmed: true, rest_over: true, ..RUNNING };
+        motors.step(later(late_ms), disarmed);
+        assert_eq!(motors.may_run(), is_ours, "{late_ms}");
+        motors.step(later(late_ms + 20), disarmed);
+        assert_eq!(motors.state() == Stopping, is_ours, "{late_ms}");
+    }
 }
 
 #[test]
@@ -127,8 +156,8 @@ fn motors_that_the_bridge_did_not_start_are_left_alone() {
 fn motors_of_a_bridge_before_are_stopped_by_an_operator_until_it_has_effect() {
     let running = MotorConditions { idle: true, rest_over: true, ..RUNNING };
     let stop = MotorConditions { operator_stop: true, ..running };
-    let mut now = Time::VIRTUAL_START;
-    let mut motors = MotorSequencer::new(now, LONGEST);
+    let mut now = START;
+    let mut motors = new();
     for _ in 0..3 {
         let states = [(); 3].map(|()| {
             now = now + LONGEST;
@@ -152,7 +181,7 @@ fn each_transition_is_logged_as_what_it_is() {
     for (from, conditions, event, may_run) in [
         (Inhibited, MotorConditions { idle: true, ..NONE }, None, false),
         (Off, waiting, Some(MotorEvent::Starting), true),
-        (Starting, REQUESTED, Some(MotorEvent::StartFailed), false),
+        (Starting, REQUESTED, Some(MotorEvent::StartFailed), true),
         (Starting, begun, Some(MotorEvent::Running), true),
         (Running, ends, Some(MotorEvent::Stopping), true),
         (Running, STOPPED, Some(MotorEvent::Stopped), false),

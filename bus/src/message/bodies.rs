@@ -97,7 +97,7 @@ message! {
         time_out_s: f64 ["s"],
         /// 1 if the motors run.
         armed: u8 ["flag"],
-        /// 1 while the motors are being started: a flight begins when they run. 1 with `armed`: while they are being stopped.
+        /// 1 while the motors are being started; a flight begins when they run. With `armed` = 1: while they are being stopped.
         starting: u8 ["flag"],
         /// 1 if the vehicle answers, and its bridge has been ready for a flight since the port was opened.
         link: u8 ["flag"],

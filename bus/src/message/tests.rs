@@ -131,3 +131,18 @@ fn a_body_survives_its_encoding() {
     PROBE.encode(&mut bytes);
     assert_eq!(ProbeV1::decode(&bytes), PROBE);
 }
+
+#[test]
+fn a_request_is_repeated_while_the_vehicle_only_moves() {
+    use crate::code::{Answer, Cause};
+    use crate::obstacle::{ArmingObstacle, ArmingObstacles};
+    let comes_to_rest = |obstacles: &[ArmingObstacle]| {
+        let add = |set: ArmingObstacles, it: &ArmingObstacle| set.with(*it, true);
+        let obstacles = obstacles.iter().fold(ArmingObstacles::default(), add).bits();
+        let (answer, cause) = (Answer::Refused.code(), Cause::NotReady.code());
+        ControlResponseV1 { answer, cause, obstacles, ..Default::default() }.comes_to_rest()
+    };
+    assert!(comes_to_rest(&[ArmingObstacle::Moving]), "also after a landing");
+    assert!(!comes_to_rest(&[ArmingObstacle::Moving, ArmingObstacle::OutsideFence]));
+    assert!(!comes_to_rest(&[]));
+}

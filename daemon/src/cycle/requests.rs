@@ -1,12 +1,15 @@
 //! Requests of operators and conditions of other processes that change the mode in the next tick.
 
+use oqtal_bus::time::Time;
+
 use super::first_flight::FirstFlight;
 
 /// Requests that wait for the next tick. The supervision owns them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Requests {
-    /// Whether a requested flight begins with the next tick or not at all.
-    pub(super) now_or_never: bool,
+    /// Latest beginning of a flight that was requested for the next tick or not at all; `None` for one that waits. A daemon that was
+    /// suspended meanwhile must not take off: its operator was told that it did not.
+    pub(super) begins_by: Option<Time>,
     /// State of the flight at start-up.
     pub(super) first_flight: FirstFlight,
     /// Whether the flight must be stopped.

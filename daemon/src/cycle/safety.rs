@@ -71,6 +71,11 @@ impl SafetyMonitor {
         }
     }
 
+    /// Time without accepted poses in flight after which the motors stop.
+    pub(super) fn coast(&self) -> Span {
+        self.coast
+    }
+
     /// The safety state.
     pub(super) fn state(&self) -> SafetyState {
         self.supervisor.state()

@@ -181,15 +181,16 @@ impl FlightSupervision {
                 lands |= self.course.is_landing();
             }
         }
+        let is_late = self.requests.begins_by.is_some_and(|at| now > at);
         ModeConditions {
             is_nominal: state <= SafetyState::Degraded,
             is_blind: matches!(state, SafetyState::Coast | SafetyState::Stop),
             is_stopped,
             is_fresh,
-            is_ready: is_fresh && self.obstacles.is_empty(),
+            is_ready: is_fresh && self.obstacles.is_empty() && !is_late,
             observes: self.observe_only,
             automatic: self.requests.begins_automatically(intake.vehicle().is_simulated()),
-            now_or_never: self.requests.now_or_never,
+            now_or_never: self.requests.begins_by.is_some(),
             lands,
             has_landed,
         }
@@ -264,7 +265,7 @@ impl FlightSupervision {
             // A repeated request: the first reply may have been lost.
             OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
             OperatorCommand::Fly if self.requests.is_called_off() => Err(Cause::Operator),
-            OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
+            OperatorCommand::Fly => Ok(self.wait_for_flight(None)),
             OperatorCommand::Land => self.land(now, intake),
             OperatorCommand::Disarm => self.disarm(intake),
             OperatorCommand::Resume if self.is_flying() => Ok(Answer::Accepted),
@@ -345,7 +346,7 @@ impl FlightSupervision {
             return Err(Cause::WrongMode);
         }
         match self.find_obstacles(now, intake).iter().next() {
-            None => Ok(self.wait_for_flight(true)),
+            None => Ok(self.wait_for_flight(Some(now + self.safety.coast()))),
             Some(ArmingObstacle::NoPoses) => Err(intake.missing()),
             Some(ArmingObstacle::VehicleSilent) => Err(Cause::NoVehicle),
             Some(ArmingObstacle::Stopped) => Err(Cause::Operator),
@@ -354,10 +355,10 @@ impl FlightSupervision {
         }
     }
 
-    /// Requests a flight: for the next tick or not at all, or as soon as poses and vehicle allow it.
-    fn wait_for_flight(&mut self, now_or_never: bool) -> Answer {
+    /// Requests a flight: for the next tick, by an instant or not at all, or as soon as poses and vehicle allow it.
+    fn wait_for_flight(&mut self, begins_by: Option<Time>) -> Answer {
         self.mode = Mode::Waiting;
-        self.requests.now_or_never = now_or_never;
+        self.requests.begins_by = begins_by;
         Answer::Accepted
     }
 

@@ -1,10 +1,11 @@
 //! An operator's stop at the daemon: seen by the loop itself, without its background thread.
 
-use super::common::{Bench, FRAME, still};
+use super::common::{Bench, FRAME, REAL, still};
 use super::vehicle::arming_itself;
-use oqtal_bus::code::{Actuation, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Actuation, Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::message::VehicleV1;
+use oqtal_bus::time::Span;
 use oqtal_bus::topic::{COMMAND, TELEMETRY};
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_daemon::{CacheWarmup, DaemonPorts, DaemonTurn, LawPort, loop_handoff};
@@ -92,4 +93,25 @@ fn a_daemon_awaits_an_arm_from_a_stop_until_the_next_flight_begins() {
     bench.cycle.cancel_automatic();
     show(&mut bench);
     assert!(bench.mode() == Some(Mode::Disarmed) && bench.cycle.awaits_arm());
+}
+
+/// Its operator was told that the flight did not begin.
+#[test]
+fn a_daemon_that_was_suspended_after_an_accepted_arm_does_not_take_off() {
+    for (pause_ms, mode) in
+        [(100, Mode::Flying), (400, Mode::Disarmed), (3_600_000, Mode::Disarmed)]
+    {
+        let mut bench = Bench::new(&[]);
+        bench.vehicle = VehicleV1 { armed: 1, ..REAL };
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+        let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
+        assert_eq!(response.answer, Answer::Accepted.code());
+        bench.now = bench.now + Span::from_millis(pause_ms);
+        for _ in 0..3 {
+            bench.show(still(bench.frame));
+        }
+        assert_eq!(bench.mode(), Some(mode), "{pause_ms} ms");
+    }
 }

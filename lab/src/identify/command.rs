@@ -1,5 +1,6 @@
 //! The command line of `oqtal identify`.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -156,6 +157,7 @@ impl IdentifyArgs {
             say_notes(record_notes(&flight).into_iter().map(named));
             flights.push(flight);
         }
+        check_distinct(&flights.iter().collect::<Vec<_>>())?;
         Ok(flights)
     }
 
@@ -187,6 +189,23 @@ pub fn check_interface(config: &Config) -> Result<(), Failure> {
         }
     };
     let reason = format!("only vehicles that are commanded by rates are identified: {remedy}");
+    Err(Failure::new(Exit::Usage, reason))
+}
+
+/// Refuses a flight that is given twice, also as a copy: the confidence intervals would be too narrow.
+///
+/// # Errors
+/// Two flights have the same number of ticks and the same last one (exit code 64).
+pub fn check_distinct(flights: &[&Flight]) -> Result<(), Failure> {
+    let key = |flight: &&Flight| {
+        let last = flight.samples.last()?.telemetry;
+        Some((flight.samples.len(), last.time, last.position.map(f64::to_bits)))
+    };
+    let mut known = HashSet::new();
+    if flights.iter().filter_map(key).all(|key| known.insert(key)) {
+        return Ok(());
+    }
+    let reason = "a flight is given twice, and the intervals would be too narrow; leave one of its recordings out";
     Err(Failure::new(Exit::Usage, reason))
 }
 

@@ -168,13 +168,10 @@ fn prescribed(flight: &Flight) -> Vec<(f64, Vector3<f64>)> {
 
 /// The commands that were not lost, and the median delay by their stamps \[s\].
 fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
-    let mut applied = flight.applied.iter().peekable();
     let mut sent_commands: Vec<(CommandRecord, bool)> = Vec::new();
     let mut delays_s = Vec::new();
-    for FlightSample { telemetry, .. } in &flight.samples {
-        while applied.next_if(|next| next.sequence < telemetry.command_sequence).is_some() {}
-        let stamps = applied.peek().filter(|next| next.sequence == telemetry.command_sequence);
-        let stamps = stamps.map(|next| next.stamps);
+    for (FlightSample { telemetry, .. }, applied) in flight.samples_with_commands() {
+        let stamps = applied.map(|command| command.stamps);
         let sent = stamps.map(|s| s.command_published_at).filter(|at| at.is_set());
         let sent_s = seconds(sent.unwrap_or(telemetry.time));
         if let Some(stamps) = stamps.filter(|stamps| stamps.applied_at.is_set()) {
@@ -193,4 +190,38 @@ fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
 
 fn seconds(time: Time) -> f64 {
     time.nanos() as f64 * 1e-9
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::message::{Stamps, TelemetryV1};
+    use oqtal_bus::time::Span;
+    use oqtal_config::Config;
+    use oqtal_observe::flight::AppliedCommand;
+    use oqtal_observe::latency::OnwardTime;
+
+    #[test]
+    fn commands_of_a_later_daemon_that_counts_from_one_again_are_acknowledged() {
+        let mut flight = Flight::new(&Config::default());
+        for tick in 0..200 {
+            let time = Time::VIRTUAL_START + Span::from_millis(20 * tick);
+            // The second daemon starts after half of the ticks.
+            let sequence = tick.unsigned_abs() % 100 + 1;
+            let telemetry = TelemetryV1 { time, command_sequence: sequence, ..Default::default() };
+            flight.samples.push(FlightSample { telemetry, truth: None });
+            let applied_at = time + Span::from_millis(if tick < 100 { 20 } else { 30 });
+            let stamps = Stamps {
+                woken_at: time,
+                command_published_at: time,
+                applied_at,
+                ..Default::default()
+            };
+            let onward = OnwardTime::default();
+            flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v: 11.0 });
+        }
+        let (commands, delay_s) = commands(&flight);
+        assert_eq!(commands.len(), 200);
+        assert!((delay_s.unwrap() - 0.025).abs() < 1e-6, "{delay_s:?}");
+    }
 }

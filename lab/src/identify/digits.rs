@@ -1,8 +1,11 @@
 //! Numbers with as many digits as their confidence interval supports.
 
 /// `value` and its half width \[any unit\]: the half width with two significant digits, the value with the same number of
-/// decimals.
+/// decimals; a value without an interval, one that is given, with all its digits.
 pub fn with_interval(value: f64, half_width: f64) -> (String, String) {
+    if half_width == 0.0 {
+        return (value.to_string(), "0".to_owned());
+    }
     let decimals = if half_width.is_finite() && half_width > 0.0 {
         (1.0 - half_width.log10().floor()).clamp(0.0, 9.0) as usize
     } else {
@@ -20,6 +23,6 @@ mod tests {
         let pair = |value, half| with_interval(value, half);
         assert_eq!(pair(54.2163, 0.5742), ("54.22".to_owned(), "0.57".to_owned()));
         assert_eq!(pair(20.5, 12.3), ("20".to_owned(), "12".to_owned()));
-        assert_eq!(pair(0.5, 0.0), ("0.5000".to_owned(), "0.0000".to_owned()));
+        assert_eq!(pair(0.02745, 0.0), ("0.02745".to_owned(), "0".to_owned()));
     }
 }

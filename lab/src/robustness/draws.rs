@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use oqtal_config::{Config, Setting};
-use oqtal_runtime::process::Failure;
+use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Map, Value as Json, json};
 use toml::Value;
 
@@ -42,12 +42,16 @@ impl Draw {
     /// Draws `runs` with `seed` of `spread` about the configuration of `common`.
     ///
     /// # Errors
-    /// A key of the spread does not exist in the configuration.
+    /// A number is too great (exit code 64), or a key of the spread does not exist in the configuration.
     pub fn several(
         spread: &PlantSpread,
         common: &[Setting],
         (seed, runs): (u64, Range<u64>),
     ) -> Result<Vec<Self>, Failure> {
+        if runs.end > MOST_DRAWS {
+            let reason = format!("draws of a spread have the numbers 0 to {}", MOST_DRAWS - 1);
+            return Err(Failure::new(Exit::Usage, reason));
+        }
         let nominal = table(&Config::from_settings(common)?);
         let is_drawn = |key: &str| spread.keys.iter().any(|drawn| drawn.key == key);
         let assumed = ASSUMED.iter().filter(|(_, followed)| is_drawn(followed)).map(|(key, _)| {
@@ -62,6 +66,12 @@ impl Draw {
             Ok(Self { run, seed: (seed + 1) * MOST_DRAWS + run, settings })
         };
         runs.map(draw).collect()
+    }
+
+    /// The draw with the vehicle of `found`. The noise that was found is left out: it is unknown to the filters in all draws.
+    fn with_vehicle(&self, mut found: Vec<Setting>) -> Self {
+        found.retain(|setting| setting.key.starts_with("vehicle."));
+        Self { settings: [&self.settings[..], &found].concat(), ..self.clone() }
     }
 
     /// The draws as one case of a study.
@@ -99,10 +109,7 @@ pub fn identified(
         let mut config = Config::from_settings(&[common, &draw.settings].concat())?;
         config.clock.seed = draw.seed;
         let identification = hidden_plants::identified(&config).ok();
-        Ok(identification.map(|identification| {
-            let settings = [&draw.settings[..], &identification.settings()].concat();
-            Draw { settings, ..draw.clone() }
-        }))
+        Ok(identification.map(|identification| draw.with_vehicle(identification.settings())))
     };
     progress.each("identification", draws, identify)
 }
@@ -128,4 +135,28 @@ pub fn document(flown: &[Flown], draws: &[Draw], common: &[Setting]) -> Json {
         })
     };
     draws.iter().enumerate().map(draw).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_identified_draw_has_the_vehicle_that_was_found_and_not_the_noise() {
+        let drawn = vec![Setting::flag("spread", "plant.mass-kg", 0.6)];
+        let draw = Draw { run: 0, seed: 0, settings: drawn };
+        let found = ["vehicle.mass-kg", ASSUMED[0].0, ASSUMED[1].0];
+        let found = found.map(|key| Setting::flag("identify", key, 0.6));
+        let keys = draw.with_vehicle(found.to_vec()).settings.into_iter().map(|it| it.key);
+        assert_eq!(keys.collect::<Vec<_>>(), ["plant.mass-kg", "vehicle.mass-kg"]);
+    }
+
+    #[test]
+    fn flight_seeds_of_different_draws_differ() {
+        let spread = PlantSpread::named("vehicle").unwrap();
+        let draw = |runs| Draw::several(&spread, &[], (TUNING_SEED, runs));
+        let last = draw(MOST_DRAWS - 1..MOST_DRAWS).unwrap();
+        assert!(last[0].seed < 2 * MOST_DRAWS, "{}", last[0].seed);
+        assert_eq!(draw(MOST_DRAWS..MOST_DRAWS + 1).unwrap_err().exit, Exit::Usage);
+    }
 }

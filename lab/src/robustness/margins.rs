@@ -56,13 +56,27 @@ const UNSTABLE: [f64; 5] = [f64::NAN; 5];
 /// Margins of a law in hover with the position loop closed, each the least of roll, pitch and yaw, in the order of
 /// [`Margins::COLUMNS`], measured in flight; NaN if a loop is unstable. `None` for a vehicle that is not
 /// commanded by rates.
-pub fn in_hover(law: &StudyLaw) -> Option<[f64; 5]> {
-    let is_of_rates = law.config().ok()?.vehicle.interface == Interface::Rate;
+///
+/// # Errors
+/// A setting is invalid, or does not allow the flights.
+pub fn in_hover(law: &StudyLaw) -> Result<Option<[f64; 5]>, Failure> {
+    if law.config()?.vehicle.interface != Interface::Rate {
+        return Ok(None);
+    }
     let of_axis = |axis| {
-        let response = probed::flown(&settings(law), (axis, closed_in_hover(axis)));
-        response.map_or(UNSTABLE, |response| response.margins().numbers())
+        let response = stable(probed::flown(&settings(law), (axis, closed_in_hover(axis))))?;
+        Ok(response.map_or(UNSTABLE, |response| response.margins().numbers()))
     };
-    is_of_rates.then(|| least_of((0..AXES.len()).map(of_axis)))
+    let axes: Result<Vec<_>, Failure> = (0..AXES.len()).map(of_axis).collect();
+    Ok(Some(least_of(axes?.into_iter())))
+}
+
+/// The measured loop; `None` if it is unstable.
+fn stable<T>(measured: Result<T, Failure>) -> Result<Option<T>, Failure> {
+    match measured {
+        Err(failure) if failure.exit == Exit::Flight => Ok(None),
+        measured => measured.map(Some),
+    }
 }
 
 /// The loops with which the margins in hover are measured: the position loop does not act about yaw, where the daemon tests the heading.
@@ -108,19 +122,17 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
                     let name = fnv1a(FNV_OFFSET, format!("{name} about {axis}").as_bytes());
                     fnv1a(name, &config.hash().to_le_bytes())
                 };
-                progress.kept(axis, key, |_| {
+                // As bits: JSON rounds, and a resumed study has the result of an uninterrupted one.
+                let bits = progress.kept(axis, key, |_| {
                     let points = probed::flown(&settings, (index, closed))?.points.into_iter();
-                    Ok(points.map(|(hertz, gain)| (hertz, gain.re, gain.im)).collect())
-                })
+                    Ok(points.map(|(hertz, g)| [hertz, g.re, g.im].map(f64::to_bits)).collect())
+                });
+                stable(bits).map(|bits| bits.map(response))
             };
-            let stable = |measured: Result<Vec<_>, Failure>| match measured {
-                Err(failure) if failure.exit == Exit::Flight => Ok(None),
-                measured => measured.map(|points| Some(response(points))),
-            };
-            let flown = stable(measured("loop", ClosedLoops::Attitude))?;
+            let flown = measured("loop", ClosedLoops::Attitude)?;
             let hover = match closed_in_hover(index) {
                 ClosedLoops::Attitude => flown.clone(),
-                closed => stable(measured("loop in hover", closed))?,
+                closed => measured("loop in hover", closed)?,
             };
             let flown = flown.unwrap_or(LoopResponse { points: Vec::new() });
             progress.check()?;
@@ -132,10 +144,12 @@ pub fn all(laws: &[StudyLaw], progress: &Progress) -> Result<Vec<LoopPair>, Fail
     Ok(loops)
 }
 
-/// The response with these points: frequency \[Hz\], real and imaginary part of the loop gain.
-fn response(points: Vec<(f64, f64, f64)>) -> LoopResponse {
-    let point = |(hertz, re, im)| (hertz, Complex::new(re, im));
-    LoopResponse { points: points.into_iter().map(point).collect() }
+/// The response with these points, as bits: frequency \[Hz\], real and imaginary part of the loop gain.
+fn response(points: Vec<[u64; 3]>) -> LoopResponse {
+    let point = |[hertz, re, im]: [f64; 3]| (hertz, Complex::new(re, im));
+    LoopResponse {
+        points: points.into_iter().map(|bits| point(bits.map(f64::from_bits))).collect(),
+    }
 }
 
 /// The chapter of the page.

@@ -69,7 +69,7 @@ pub fn flown(
     Ok(LoopResponse { points: points? })
 }
 
-/// Settings without noise, drift and gusts; the filters still assume the noise of `nominal`.
+/// Settings without noise, drift, gusts, disturbances and faults; the filters still assume the noise of `nominal`.
 pub fn calm(nominal: &Config) -> Vec<Setting> {
     let set = |key: &str, value: toml::Value| Setting::flag("calm", key, value);
     let still = || toml::Value::from(vec![0.0; 3]);
@@ -78,6 +78,8 @@ pub fn calm(nominal: &Config) -> Vec<Setting> {
     let own = [
         set("plant.rate-drift-deg-s", still()),
         set("plant.force-n", still()),
+        set("plant.disturb", toml::Value::Array(Vec::new())),
+        set("fault.inject", toml::Value::Array(Vec::new())),
         set("control.predictive.filter.attitude-noise-deg", filter.attitude_noise_deg.into()),
         set("control.predictive.filter.position-noise-mm", filter.position_noise_mm.into()),
     ];
@@ -153,4 +155,19 @@ fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
     // Variance besides mean and sine, against that of the added sine, half the square of its amplitude.
     let is_steady = other < 0.5 * AMPLITUDE * AMPLITUDE;
     (is_steady && (count - expected).abs() < 1.5).then(|| -commanded / acting)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn disturbances_and_faults_of_the_study_are_left_out() {
+        let settings = ["plant.disturb=['gust@16+3=3,0,0m/s']", "fault.inject=['pose:off@15+1']"]
+            .map(|text| Setting::parse("test", text).unwrap());
+        let given = Config::from_settings(&settings).unwrap();
+        let config = prepared(&settings, (0, ClosedLoops::Hover)).unwrap();
+        assert!(!given.plant.disturb.is_empty() && !given.fault.inject.is_empty());
+        assert!(config.plant.disturb.is_empty() && config.fault.inject.is_empty());
+    }
 }

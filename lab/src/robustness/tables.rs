@@ -41,7 +41,7 @@ pub fn all(flown: &[Flown], draws: &[Draw]) -> Vec<Sheet> {
 }
 
 /// The figures by which the README compares: those of each row of `oqtal-dt`, and in each column the best of the laws with an
-/// estimator and a position loop of their own.
+/// estimator and a position loop of their own. Without rows if no such law was flown.
 fn headline(flown: &[Flown]) -> Sheet {
     type Row<'a> = (String, Vec<&'a Flown>);
     let best = |figure: fn(&Flown) -> f64| {
@@ -63,8 +63,10 @@ fn headline(flown: &[Flown]) -> Sheet {
         (count, _) => (format!("best of {count} other laws"), SEVERAL_RIVALS),
     };
     let best = (best, others);
-    let rows: Vec<Row<'_>> =
-        own.chain([best].into_iter().filter(|(_, laws)| !laws.is_empty())).collect();
+    let rows: Vec<Row<'_>> = match best.1.is_empty() {
+        true => Vec::new(),
+        false => own.chain([best]).collect(),
+    };
     let names = |(name, _): &Row<'_>| (name.clone(), Variant::Ours, String::new());
     Sheet::tabulate(
         ("headline", "oqtal-dt and the best of the other laws in each column"),
@@ -324,6 +326,17 @@ mod tests {
         assert_eq!(worse_than_the_best_other(&laws, 0, HOVER), 2.0 / 3.0);
         assert_eq!(worse_than_the_best_other(&laws, 2, HOVER), 1.0 / 3.0);
         assert!(worse_than_the_best_other(&laws[..1], 0, HOVER).is_nan());
+    }
+
+    #[test]
+    fn one_law_with_several_sets_of_gains_has_no_headline() {
+        let draws = [Draw { run: 0, seed: 0, settings: Vec::new() }];
+        let both = [flown("oqtal-dt", &[1.0]), flown("oqtal-dt", &[2.0])];
+        let names =
+            |flown: &[Flown]| all(flown, &draws).into_iter().map(|it| it.name).collect::<Vec<_>>();
+        assert!(!names(&both).contains(&"headline".to_owned()));
+        let with_rival = [&both[..], &[flown("pid", &[3.0])]].concat();
+        assert!(names(&with_rival).contains(&"headline".to_owned()));
     }
 
     #[test]

@@ -209,7 +209,9 @@ pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
     let is_same = |a: &Value, b: &Value| a == b || number(a).is_some() && number(a) == number(b);
     let mut keys: Vec<&str> = Vec::new();
     for gain in gains {
-        let mut given = common.iter().filter(|setting| setting.key == gain.key);
+        let mut given = common
+            .iter()
+            .filter(|setting| setting.key == gain.key && setting.origin != law::STUDY_DEFAULT);
         if given.any(|setting| !is_same(&setting.value, &gain.value)) && !keys.contains(&&*gain.key)
         {
             keys.push(&gain.key);

@@ -62,11 +62,12 @@ impl Best {
 }
 
 impl BeeColony {
-    /// Guided colony that evaluates about `budget` points in total, with Karaboga's limit: as many bees as are needed to try
+    /// Guided colony that evaluates at most `budget` points in total, but at least 2, with Karaboga's limit: as many bees as are needed to try
     /// every coordinate of every source.
     pub fn within(budget: usize, dimensions: usize, seed: u64) -> Self {
-        let sources = 10;
-        let cycles = budget.saturating_sub(sources) / (2 * sources);
+        let sources = budget.clamp(2, 10);
+        // A cycle may have a scout.
+        let cycles = budget.saturating_sub(sources) / (2 * sources + 1);
         Self { sources, cycles, limit: sources * dimensions, pull: 1.5, seed }
     }
 

@@ -29,13 +29,23 @@ static ERRORS: [LoopError; 4] = [
     |sample| sample.position_error().xy().norm(),
 ];
 
-/// Checks the error and the jitter with the configured gains, which the search improves.
-fn check_reference(reference: [f64; 2]) -> Result<(), Failure> {
-    if reference.iter().all(|figure| figure.is_finite()) {
+/// Checks the error and the jitter with the configured gains, which the search improves. The jitter has a meaning only for a vehicle that
+/// is commanded by rates.
+fn check_reference([off, jitter]: [f64; 2]) -> Result<(), Failure> {
+    if off.is_finite() && !jitter.is_infinite() {
         return Ok(());
     }
     let reason = "tune outer: a path with the configured gains of `oqtal` does not land, so that there is nothing to improve; tune the law first: `oqtal tune oqtal`";
     Err(Failure::new(Exit::Flight, reason))
+}
+
+/// Objective of a loop: error and jitter over those of the reference \[-\]; the error alone where the jitter has no meaning.
+fn loop_objective([off, jitter]: [f64; 2], reference: [f64; 2]) -> f64 {
+    let off = off / reference[0];
+    match reference[1].is_nan() {
+        true => off,
+        false => (off + JITTER_WEIGHT * jitter / reference[1]) / (1.0 + JITTER_WEIGHT),
+    }
 }
 
 /// Tunes the loops in turn around `oqtal` with its configured gains; each loop has its share of the budget and uses the gains
@@ -63,9 +73,9 @@ pub fn tune(
                     return f64::INFINITY;
                 }
                 let gains = [found.clone(), values(parameters, point)].concat();
-                let [off, jitter] = figures(error, &gains, flights).unwrap_or([f64::INFINITY; 2]);
+                let found = figures(error, &gains, flights).unwrap_or([f64::INFINITY; 2]);
                 bar.inc();
-                (off / reference[0] + JITTER_WEIGHT * jitter / reference[1]) / (1.0 + JITTER_WEIGHT)
+                loop_objective(found, reference)
             };
             points.par_iter().map(evaluate).collect()
         });
@@ -107,8 +117,27 @@ fn figures(
     Ok([share(0), share(1)])
 }
 
+/// Mean error over the scored ticks; NaN without any.
 fn mean(flight: &Flight, error: LoopError) -> f64 {
     let (count, sum) =
         flight.scored().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
-    sum / f64::max(count, 1.0)
+    sum / count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_config::Setting;
+
+    #[test]
+    fn a_vehicle_that_is_not_commanded_by_rates_is_tuned_by_the_errors_alone() {
+        let attitude = Setting::flag("test", "vehicle.interface", "attitude");
+        let flights = TrainingFlights::near(vec![attitude], 101..102);
+        let reference = figures(ERRORS[0], &[], &flights).unwrap();
+        check_reference(reference).unwrap();
+        let half = [0.5 * reference[0], reference[1]];
+        assert_eq!(loop_objective(half, reference), 0.5);
+        assert_eq!(loop_objective([1.0, 6.0], [2.0, 4.0]), 1.0);
+        assert!(check_reference([f64::INFINITY; 2]).is_err());
+    }
 }

@@ -7,6 +7,7 @@ use crate::robustness::frequency::Margins;
 use crate::robustness::margins::in_hover;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 use crate::study::Flown;
+use crate::study::args::say_notes;
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, METRIC};
 
@@ -89,11 +90,15 @@ pub fn components(
     all.filter(|component| component.values.iter().all(|value| !value.is_nan())).collect()
 }
 
-/// Margins in hover, measured in flight; empty for a vehicle that is not commanded by rates.
+/// Margins in hover, measured in flight; empty for a vehicle that is not commanded by rates, and, with a note, where the settings do
+/// not allow the flights.
 pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
-    let [Some(before), Some(after)] = [before, after].map(in_hover) else {
-        return Vec::new();
-    };
+    let both = in_hover(before).and_then(|before| Ok(before.zip(in_hover(after)?)));
+    let both = both.unwrap_or_else(|failure| {
+        say_notes([format!("no margins in hover: {failure}")]);
+        None
+    });
+    let Some((before, after)) = both else { return Vec::new() };
     let margin = |k: usize| {
         let (key, title) = Margins::COLUMNS[k];
         let values = [before[k], after[k]];

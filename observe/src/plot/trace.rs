@@ -46,8 +46,8 @@ fn extremes(segment: &[Point]) -> impl Iterator<Item = Point> {
     kept.into_iter().map(|(_, point)| point)
 }
 
-/// Thins the points of a path to at most `MOST_POINTS`: keeps points at a distance from the last one kept. Outliers are kept, and of
-/// points that cannot be drawn one, as a gap, if the path continues at a distance.
+/// Thins the points of a path to at most `MOST_POINTS`: keeps points at a distance from the last one kept. Outliers are kept. A run
+/// of points that cannot be drawn becomes one gap if the next point is at a distance.
 pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
     let drawable = || points.iter().filter(|point| is_drawable_point(point));
     let (x, y) = (extent(drawable().map(|p| p.0)), extent(drawable().map(|p| p.1)));

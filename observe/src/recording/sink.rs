@@ -57,6 +57,8 @@ pub struct McapRecorder {
     scratch: Vec<u8>,
     /// State of the daemon in its last tick.
     condition: Option<DaemonCondition>,
+    /// Source of the daemon's messages; `None` before the first.
+    daemon: Option<u64>,
     clock_due: Time,
     faults: FaultSchedule,
 }
@@ -100,6 +102,7 @@ impl McapRecorder {
             truth: TruthSelection::new(limits.truth_hz),
             scratch: Vec::with_capacity(1024),
             condition: None,
+            daemon: None,
             clock_due: Time::UNSET,
             faults: FaultSchedule::of(config),
         })
@@ -233,6 +236,13 @@ impl McapRecorder {
         self.event((received_at, telemetry.time), severity, ("daemon", &text));
     }
 
+    /// Notes the daemon that publishes. Another one has the settings of its configuration; the message of its start may be lost.
+    fn note_daemon(&mut self, source: u64, starts: bool) {
+        if self.daemon.replace(source).is_some_and(|last| last != source) || starts {
+            self.thread.clear_repeated();
+        }
+    }
+
     fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
         let stamps = &reception.header.stamps;
         self.record(reception, Sample::Pose(pose), stamps.pose_published_at);
@@ -244,6 +254,7 @@ impl McapRecorder {
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let (at, received_at) = (telemetry.time, reception.received_at);
+        self.note_daemon(reception.header.source, false);
         self.note_faults(received_at, at);
         // The truth first: a reader of the file needs it before the tick.
         self.choose_truth(|selection, choose| selection.tick(at, choose));
@@ -279,7 +290,7 @@ impl McapRecorder {
         cdr::encode(&reception.header, sample.body(), &mut self.scratch);
         let published_at = if time.is_set() { time } else { reception.received_at };
         if let Some(message) = self.message(channel, reception.received_at, published_at) {
-            self.thread.repeated_message(message, &self.scratch);
+            self.thread.repeated_change(event, message, &self.scratch);
         }
     }
 
@@ -299,10 +310,7 @@ impl McapRecorder {
     }
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {
-        if input.kind == InputKind::Start.code() {
-            // Another daemon starts with the settings of its configuration.
-            self.thread.repeat_none();
-        }
+        self.note_daemon(reception.header.source, input.kind == InputKind::Start.code());
         self.record(reception, Sample::Input(input), input.time);
         if let Some(text) = event::of_input(input) {
             let at = (reception.received_at, input.time);

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use oqtal_bus::code::{InputKind, OperatorCommand};
+use oqtal_bus::code::{Answer, InputKind, OperatorCommand};
 use oqtal_bus::message::{EventV1, Header, InputV1, PoseV1, TelemetryV1, TruthV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
@@ -166,6 +166,47 @@ fn every_file_has_the_settings_that_were_changed_before_it() {
     let at_start = config.control.controller.name();
     assert_eq!(laws, ["pid", "pid", "pid", at_start], "the last file is of another daemon");
     assert_eq!(flights[1].changes.len(), 1);
+}
+
+#[test]
+fn a_later_file_has_the_last_change_of_each_setting_that_was_not_refused_by_this_daemon() {
+    let later = |daemon: u64| {
+        let directory = tempfile::tempdir().unwrap();
+        let mut config = configuration();
+        config.record.file_min = 1.0 / 60.0;
+        let (_, mut recorder) = create(&directory, &config, true);
+        let tick = |recorder: &mut McapRecorder, source, number| {
+            let (mut reception, _) = pose(number);
+            reception.header.source = source;
+            let time = reception.received_at;
+            recorder.sample(&reception, Sample::Truth(&TruthV1 { time, ..TruthV1::default() }));
+            let tick = TelemetryV1 { time, tick: number, ..TelemetryV1::default() };
+            recorder.sample(&reception, Sample::Telemetry(&tick));
+        };
+        tick(&mut recorder, 7, 1);
+        let change = |number, text: &str| EventV1 {
+            number,
+            command: OperatorCommand::Set.code(),
+            text: LongText::new(text),
+            ..EventV1::default()
+        };
+        let tilts = (2..20).map(|tilt| change(tilt, &format!("position.tilt-limit-deg={tilt}")));
+        let refused = change(40, "position.tilt-limit-deg=5\ncontrol.controller=geometric");
+        let answer = Answer::Refused.code();
+        let changes = std::iter::once(change(1, "control.controller=pid")).chain(tilts);
+        for event in changes.chain([refused, EventV1 { answer, ..refused }]) {
+            recorder.sample(&pose(1).0, Sample::Event(&event));
+        }
+        // The message of the start of another daemon is lost.
+        (2..=100).for_each(|number| tick(&mut recorder, daemon, number));
+        let files = recorder.finish().files;
+        flight(&RecordingFile::read(&files[1]).unwrap()).unwrap()
+    };
+    let (same, other) = (later(7), later(8));
+    let settings = ["control.controller=pid", "position.tilt-limit-deg=19"];
+    assert_eq!(same.changed_settings(), settings);
+    assert_eq!(same.changes.len(), settings.len());
+    assert!(other.changes.is_empty(), "{:?}", other.changed_settings());
 }
 
 #[test]

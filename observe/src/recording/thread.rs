@@ -1,5 +1,6 @@
 //! Writing thread of a recording, behind a bounded queue: a stalled disk does not delay the observer.
 
+use std::collections::HashSet;
 use std::fs::{self, File, Metadata};
 use std::io;
 use std::os::fd::AsRawFd;
@@ -10,9 +11,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 
+use oqtal_bus::code::Answer;
+use oqtal_bus::message::EventV1;
+
 use super::chunk::{Chunk, McapMessage};
 use super::facts::Facts;
 use super::writer::{AttachedFile, McapFile, Preamble};
+use crate::event::changed_keys;
 
 /// Maximum number of waiting chunks \[-\]: eight seconds of a flight.
 const QUEUE: usize = 16;
@@ -54,13 +59,14 @@ enum QueuedRecord {
     Chunk(Chunk),
     Facts(Facts),
     File(AttachedFile),
-    Repeated(RepeatedMessage),
-    NoneRepeated,
+    Repeated(Box<RepeatedChange>),
+    ClearRepeated,
 }
 
-/// Message that is written again at the beginning of every later file.
+/// Change of settings that is written again at the beginning of every later file.
 #[derive(Clone, Debug)]
-struct RepeatedMessage {
+struct RepeatedChange {
+    event: EventV1,
     message: McapMessage,
     /// The message, encoded.
     data: Vec<u8>,
@@ -134,21 +140,21 @@ impl RecordingThread {
         }
     }
 
-    /// Adds a message, encoded in `data`, that later files begin with.
-    pub fn repeated_message(&mut self, message: McapMessage, data: &[u8]) {
+    /// Adds the message of a change of settings, encoded in `data`, that later files begin with.
+    pub fn repeated_change(&mut self, event: &EventV1, message: McapMessage, data: &[u8]) {
         self.message(message, data);
         // If this chunk begins a file, the message is in it already.
         self.hand_over();
-        let repeated = RepeatedMessage { message, data: data.to_vec() };
-        if !self.send(QueuedRecord::Repeated(repeated)) {
+        let repeated = RepeatedChange { event: *event, message, data: data.to_vec() };
+        if !self.send(QueuedRecord::Repeated(Box::new(repeated))) {
             self.dropped += 1;
         }
     }
 
-    /// Later files begin with none of the messages so far.
-    pub fn repeat_none(&mut self) {
+    /// Forgets the messages that later files begin with.
+    pub fn clear_repeated(&mut self) {
         self.hand_over();
-        if !self.send(QueuedRecord::NoneRepeated) {
+        if !self.send(QueuedRecord::ClearRepeated) {
             self.dropped += 1;
         }
     }
@@ -196,8 +202,8 @@ impl Drop for RecordingThread {
 struct Files {
     plan: FilePlan,
     preamble: Preamble,
-    /// Messages with which the next file begins.
-    repeated: Vec<RepeatedMessage>,
+    /// Changes of settings with which the next file begins.
+    repeated: Vec<RepeatedChange>,
     /// The present file; `None` after an error.
     file: Option<McapFile>,
     result: RecordingResult,
@@ -219,11 +225,11 @@ impl Files {
                     self.preamble.files.push(attached);
                     done
                 }
-                QueuedRecord::Repeated(message) => {
-                    self.repeated.push(message);
+                QueuedRecord::Repeated(change) => {
+                    self.repeat(*change);
                     Ok(())
                 }
-                QueuedRecord::NoneRepeated => {
+                QueuedRecord::ClearRepeated => {
                     self.repeated.clear();
                     Ok(())
                 }
@@ -253,10 +259,28 @@ impl Files {
         Ok(())
     }
 
+    /// Adds a change to those repeated, or removes one that the loop has refused. Of the earlier ones, each of which is final by now, those
+    /// remain that changed a setting last.
+    fn repeat(&mut self, change: RepeatedChange) {
+        if change.event.answer == Answer::Refused.code() {
+            self.repeated.retain(|earlier| earlier.event.number != change.event.number);
+            return;
+        }
+        let mut changed_later = HashSet::new();
+        self.repeated.reverse();
+        self.repeated.retain(|earlier| {
+            let new =
+                changed_keys(&earlier.event).filter(|key| changed_later.insert((*key).to_owned()));
+            new.count() > 0
+        });
+        self.repeated.reverse();
+        self.repeated.push(change);
+    }
+
     /// The repeated messages, with the time of reception `log_time` \[ns since the epoch\].
     fn repeated_at(&self, log_time: u64) -> Chunk {
         let mut chunk = Chunk::default();
-        for RepeatedMessage { message, data } in &self.repeated {
+        for RepeatedChange { message, data, .. } in &self.repeated {
             chunk.push(McapMessage { log_time, ..*message }, data);
         }
         chunk

@@ -38,7 +38,7 @@ fn minimum(
 #[test]
 fn the_search_finds_the_minimum_of_a_paraboloid() {
     for colony in COLONIES {
-        let best = minimum(sphere, 4, 4000, colony);
+        let best = minimum(sphere, 4, 4200, colony);
         assert!(best.value < 1e-6, "{best:?}");
     }
 }
@@ -46,7 +46,7 @@ fn the_search_finds_the_minimum_of_a_paraboloid() {
 #[test]
 fn the_search_follows_a_bent_valley() {
     for colony in COLONIES {
-        let best = minimum(rosenbrock, 2, 20_000, colony);
+        let best = minimum(rosenbrock, 2, 21_000, colony);
         assert!(best.value < 0.05, "{best:?}");
     }
 }
@@ -54,7 +54,7 @@ fn the_search_follows_a_bent_valley() {
 #[test]
 fn the_search_leaves_local_minima() {
     for colony in COLONIES {
-        let best = minimum(rastrigin, 4, 8000, colony);
+        let best = minimum(rastrigin, 4, 8400, colony);
         assert!(best.value < 1e-3, "{best:?}");
     }
 }
@@ -81,7 +81,7 @@ proptest! {
     #[test]
     fn the_search_stays_within_bounds_and_budget_and_repeats(
         seed in any::<u64>(),
-        budget in 40_usize..400,
+        budget in 2_usize..400,
         low in -3.0..0.0_f64,
         width in 0.0..4.0_f64,
     ) {
@@ -99,7 +99,7 @@ proptest! {
         };
         let best = search();
         prop_assert_eq!(best.evaluations, seen.get());
-        prop_assert!(best.evaluations <= colony.most_evaluations());
+        prop_assert!(best.evaluations <= budget);
         prop_assert_eq!(best.value, sphere(&best.point));
         prop_assert_eq!(search(), best);
     }
@@ -108,6 +108,6 @@ proptest! {
 #[test]
 fn guidance_saves_evaluations() {
     let values =
-        |pull: f64| (0..20).map(move |seed| minimum(sphere, 7, 400, (pull, seed)).value.ln());
+        |pull: f64| (0..20).map(move |seed| minimum(sphere, 7, 410, (pull, seed)).value.ln());
     assert!(values(1.5).sum::<f64>() < values(0.0).sum::<f64>());
 }
