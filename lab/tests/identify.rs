@@ -193,7 +193,8 @@ fn a_flight_that_has_the_motion_and_does_not_fit_the_model_lacks_no_motion() {
 
 #[test]
 fn findings_are_a_layer_of_the_configuration() {
-    let settings = [Setting::flag("test", "plant.rate-lag-ms", 60.0)];
+    let settings = [("plant.rate-lag-ms", 60.0), ("plant.hidden-delay-ms", 9.0)]
+        .map(|(key, value)| Setting::flag("test", key, value));
     let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap().flight;
     let identification = identified(&flight);
     let directory = tempfile::tempdir().unwrap();
@@ -205,6 +206,10 @@ fn findings_are_a_layer_of_the_configuration() {
     let [a, b] = [&layered.vehicle, &found].map(|vehicle| {
         [vehicle.rate_lag_ms, vehicle.command_delay_ms, vehicle.max_thrust_n, vehicle.drag_per_s]
     });
+    // Laws take the delay from the stamps, which lack the hidden one.
+    let stamped_ms = flight.config.vehicle.command_delay_ms;
+    assert!((found.command_delay_ms - stamped_ms).abs() < 0.5, "{found:?}");
+    assert!((layered.plant.hidden_delay_ms - 9.0).abs() < 1.5, "{:?}", layered.plant);
     // The file has as many digits as the intervals support.
     assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 0.01), "{a:?} {b:?}");
 }

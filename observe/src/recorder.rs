@@ -27,7 +27,6 @@ const REST: Span = Span::from_millis(500);
 /// Time for which ticks wait for truth: without a first sample, a real vehicle is observed by real cameras; without a further one, its
 /// source has ended, and the flight ends as the daemon reports.
 const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
-
 /// Time without a tick in flight, while others publish, after which the daemon has ended.
 const DAEMON_TIMEOUT: Span = Span::from_millis(1000);
 
@@ -193,7 +192,9 @@ impl Recorder {
     fn push(&mut self, sample: FlightSample) {
         let before = self.flight.samples.last().copied();
         self.flight.samples.push(sample);
-        if self.outcome.is_some() || self.flight.is_observation() {
+        // A stop before the first flight is the end of an earlier one.
+        let is_over = self.outcome.is_some() && (self.flown || !sample.is_armed());
+        if is_over || self.flight.is_observation() {
             return;
         }
         self.detect_end(&sample);
@@ -215,8 +216,8 @@ impl Recorder {
 
     /// Ends a flight whose daemon died: the next daemon starts disarmed, and the vehicle has fallen.
     fn daemon_replaced(&mut self) {
-        let is_armed = self.latest().is_some_and(FlightSample::is_armed);
-        let in_flight = is_armed && !self.flight.is_observation();
+        let in_flight =
+            !self.flight.is_observation() && self.latest().is_some_and(FlightSample::is_armed);
         if in_flight && self.outcome.is_none() {
             self.daemon_died();
         } else if !in_flight {
@@ -233,7 +234,7 @@ impl Recorder {
                 self.outcome = Some(Outcome::Landed);
                 return;
             }
-            self.flown = true;
+            (self.flown, self.outcome) = (true, None);
             let crash = Crash::of(sample, &self.flight.config.fence);
             if let Some(crash) = crash.filter(|_| !self.is_replaced) {
                 self.crashed(sample.telemetry.time, crash);

@@ -196,7 +196,7 @@ impl Summary {
             corners: CornerFigures::of(flight),
             attitude_steps: attitude_steps(flight),
             effort: effort(flight),
-            riccati_solves: last_tick(flight).riccati_solves,
+            riccati_solves: riccati_solves(flight),
             speed_factor: flight.speed_factor,
             deadline_misses: count(flight, |tick| tick.deadline_misses),
             lost: TopicCounts::new(count(flight, |tick| tick.poses_lost), flight.commands_lost),
@@ -318,10 +318,13 @@ fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
     }
 }
 
-/// The last armed tick, or the last one if none is armed: another daemon may have followed. The default one of a flight without any.
-fn last_tick(flight: &Flight) -> TelemetryV1 {
-    let last = flight.armed().last().or(flight.samples.last());
-    last.map(|sample| sample.telemetry).unwrap_or_default()
+/// Number of Riccati equations solved in the flights, the first of each included; in all ticks if none is armed \[-\].
+fn riccati_solves(flight: &Flight) -> u64 {
+    let has_flown = flight.armed().next().is_some();
+    let pairs = flight.samples.windows(2).filter(|pair| !has_flown || pair[1].is_armed());
+    let solves = pairs.map(|pair| [0, 1].map(|index: usize| pair[index].telemetry.riccati_solves));
+    // Another daemon counts from zero.
+    solves.map(|[before, now]| now.checked_sub(before).unwrap_or(now)).sum()
 }
 
 /// Time from the first to the last armed tick of each flight, together \[s\].

@@ -52,8 +52,10 @@ pub fn probe(link: &CameraLink, config: &Config, duration: Span) -> Result<Probe
     let mut figures = listener.figures(duration, Time::now());
     figures.server = server;
     (figures.loop_hz, figures.poses_per_tick) = (config.control.rate_hz, config.poses_per_tick());
+    figures.acts_hz = config.rate_warning().map(|_| config.loop_rate_hz());
     figures.dates_by_arrival = config.receiver.stamps == StampSource::Arrival;
-    figures.loss_warning = config.safety.pose_loss_warning;
+    (figures.loss_warning, figures.coast_ms) =
+        (config.safety.pose_loss_warning, config.safety.coast_ms);
     figures.has_tcp = matches!(link.protocol, CameraProtocol::Qtm { udp: true, .. });
     name_bodies(&mut figures, (&wanted, &present), &bodies);
     let found = checks::findings(&figures);

@@ -105,7 +105,7 @@ impl ControlResponseV1 {
         let obstacles = ArmingObstacles::from_bits(self.obstacles);
         self.answer == Answer::Refused.code()
             && !Cause::from_code(self.cause).is_some_and(Cause::prevents_execution)
-            && !obstacles.is_empty()
+            && obstacles.iter().any(|obstacle| obstacle != Tilted)
             && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
     }
 }

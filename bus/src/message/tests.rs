@@ -144,5 +144,6 @@ fn a_request_is_repeated_while_the_vehicle_only_moves() {
     };
     assert!(comes_to_rest(&[ArmingObstacle::Moving]), "also after a landing");
     assert!(!comes_to_rest(&[ArmingObstacle::Moving, ArmingObstacle::OutsideFence]));
-    assert!(!comes_to_rest(&[]));
+    assert!(comes_to_rest(&[ArmingObstacle::Stopped, ArmingObstacle::Tilted]));
+    assert!(!comes_to_rest(&[ArmingObstacle::Tilted]) && !comes_to_rest(&[]));
 }

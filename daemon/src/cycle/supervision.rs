@@ -84,7 +84,7 @@ impl FlightSupervision {
 
     /// Whether the daemon commands a flying vehicle.
     pub(super) fn is_flying(&self) -> bool {
-        self.is_armed() && !self.observe_only
+        self.mode.is_armed() && !self.observe_only
     }
 
     /// Whether the flight is between take-off and landing, without a fault to which the daemon reacts.
@@ -98,11 +98,6 @@ impl FlightSupervision {
     /// Records the selection between the law and its fallback.
     pub(super) fn notice_law(&mut self, guard: &GuardReport) {
         self.requests.law_fails = guard.law_fails && self.is_flying();
-    }
-
-    /// Whether a mission is active, flown or only observed.
-    fn is_armed(&self) -> bool {
-        self.mode.is_armed()
     }
 
     /// Whether the flight is held at its beginning until the motors run.
@@ -140,17 +135,20 @@ impl FlightSupervision {
     ) -> (Directive, bool) {
         self.course.begin_tick(now, &intake.estimate(), self.requests.law_fails);
         self.course.update_setpoint(now);
+        self.obstacles = self.find_obstacles(now, intake);
+        let is_late = self.requests.begins_by.is_some_and(|at| now > at);
+        let is_ready = is_fresh && self.obstacles.is_empty() && !is_late;
         let tick = SafetyTick {
             now,
             is_fresh,
-            is_armed: self.is_armed(),
+            is_armed: self.mode.is_armed(),
             is_held: self.is_held(intake),
-            is_requested: self.mode == Mode::Waiting,
+            // A Stop lasts until a flight begins.
+            is_requested: self.mode == Mode::Waiting && is_ready,
             sent,
         };
         let state = self.safety.step(&tick, intake, &mut self.requests, &mut self.course);
-        self.obstacles = self.find_obstacles(now, intake);
-        let conditions = self.advance_mission(&tick, state, intake);
+        let conditions = ModeConditions { is_ready, ..self.advance_mission(&tick, state, intake) };
         let mut restarts = self.is_held(intake);
         if let Some((mode, action)) = transition(self.mode, &conditions) {
             self.mode = mode;
@@ -170,7 +168,7 @@ impl FlightSupervision {
         let estimate = intake.estimate();
         let is_stopped = state == SafetyState::Stop;
         let (mut lands, mut has_landed) = (false, false);
-        if self.is_armed() && (self.observe_only || !is_stopped) {
+        if self.mode.is_armed() && (self.observe_only || !is_stopped) {
             let is_landing = self.mode == Mode::Landing;
             lands = self.course.follow(now, state, estimate.position, is_landing);
             if self.is_held(intake) {
@@ -181,13 +179,12 @@ impl FlightSupervision {
                 lands |= self.course.is_landing();
             }
         }
-        let is_late = self.requests.begins_by.is_some_and(|at| now > at);
         ModeConditions {
             is_nominal: state <= SafetyState::Degraded,
             is_blind: matches!(state, SafetyState::Coast | SafetyState::Stop),
             is_stopped,
             is_fresh,
-            is_ready: is_fresh && self.obstacles.is_empty() && !is_late,
+            is_ready: false,
             observes: self.observe_only,
             automatic: self.requests.begins_automatically(intake.vehicle().is_simulated()),
             now_or_never: self.requests.begins_by.is_some(),
@@ -233,7 +230,7 @@ impl FlightSupervision {
 
     /// Reasons against a flight; none in flight, and one alone while the daemon only observes.
     fn find_obstacles(&self, now: Time, intake: &Intake) -> ArmingObstacles {
-        if self.is_armed() || self.observe_only {
+        if self.mode.is_armed() || self.observe_only {
             let none = ArmingObstacles::default();
             return none.with(ArmingObstacle::ObservesOnly, self.observe_only);
         }

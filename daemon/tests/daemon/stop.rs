@@ -115,3 +115,26 @@ fn a_daemon_that_was_suspended_after_an_accepted_arm_does_not_take_off() {
         assert_eq!(bench.mode(), Some(mode), "{pause_ms} ms");
     }
 }
+
+/// A vehicle that moves in the tick after an accepted arm does not take off, and what stopped it before remains the cause.
+#[test]
+fn f33_a_stop_lasts_until_a_flight_begins() {
+    for begins in [true, false] {
+        let mut bench = Bench::flying(&[]);
+        bench.cycle.request(bench.now, OperatorCommand::Stop);
+        for _ in 0..60 {
+            bench.show(still(bench.frame));
+        }
+        let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
+        assert_eq!(response.answer, Answer::Accepted.code());
+        let mut pose = still(bench.frame);
+        pose.position[0] += if begins { 0.0 } else { 0.03 };
+        bench.show(pose);
+        let expected = if begins {
+            (Some(Mode::Flying), Some(SafetyState::Nominal))
+        } else {
+            (Some(Mode::Disarmed), Some(SafetyState::Stop))
+        };
+        assert_eq!((bench.mode(), bench.state()), expected);
+    }
+}

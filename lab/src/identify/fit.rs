@@ -3,6 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 use rmpfit::{MPConfig, MPFitter, MPPar, MPResult};
 
+use super::finding::INTERVAL;
+
 /// Greatest number of iterations of a fit.
 const ITERATIONS: usize = 60;
 /// Change of the sum of squares, and of the parameters, at which a fit has converged \[-\].
@@ -95,10 +97,23 @@ const BETTER: f64 = 1e-3;
 pub struct StartingPoints {
     /// Number of starting points \[-\].
     pub count: usize,
-    /// Number of fits that ended in another optimum than the best \[-\].
-    pub elsewhere: usize,
-    /// Least sum of squares of these, over that of the best, minus 1 \[-\].
-    pub excess_ratio: f64,
+    /// Parameters of the fits that ended apart from the best, with their sum of squares over that of the best, minus 1 \[-\].
+    others: Vec<(Vec<f64>, f64)>,
+}
+
+impl StartingPoints {
+    /// Number of fits that ended in another optimum than `best`, with a parameter outside its 95 % interval, and the least excess of
+    /// their sums of squares \[-\].
+    pub fn elsewhere(&self, best: &FitResult) -> (usize, f64) {
+        let is_outside = |values: &[f64]| {
+            values.iter().enumerate().any(|(index, value)| {
+                let (found, sd) = best.of(index);
+                sd > 0.0 && (value - found).abs() > INTERVAL * sd
+            })
+        };
+        let excesses = self.others.iter().filter(|it| is_outside(&it.0)).map(|it| it.1);
+        excesses.fold((0, f64::INFINITY), |(count, least), it| (count + 1, it.min(least)))
+    }
 }
 
 /// Moves `parameters` to the best optimum that a fit finds from their own initial values and from the other `starts`, which replace
@@ -128,21 +143,14 @@ pub fn move_to_best(
         let pairs = parameters.iter().zip(values).zip(&best.0);
         pairs.into_iter().any(|((p, a), b)| !p.is_fixed && (a - b).abs() > APART_STEPS * p.step)
     };
-    let elsewhere: Vec<f64> = fits
-        .iter()
-        .filter(|(values, _)| is_apart(values))
-        .map(|fit| fit.1 / best.1 - 1.0)
-        .collect();
-    let report = StartingPoints {
-        count: fits.len(),
-        elsewhere: elsewhere.len(),
-        excess_ratio: elsewhere.iter().copied().fold(f64::INFINITY, f64::min),
-    };
+    let count = fits.len();
+    let others = fits.into_iter().filter(|(values, _)| is_apart(values));
+    let others = others.map(|(values, square)| (values, square / best.1 - 1.0)).collect();
     // The fit that follows starts from the own initial values, if they lead to the best optimum.
     if !is_own {
         parameters.iter_mut().zip(best.0).for_each(|(parameter, start)| parameter.start = start);
     }
-    Some(report)
+    Some(StartingPoints { count, others })
 }
 
 /// Step of a derivative over the standard deviation of its parameter \[-\].
@@ -282,14 +290,20 @@ mod tests {
         let mut parameters = from(-2.0);
         let told = move_to_best(&mut parameters, &[vec![2.0], vec![-3.0]], &residuals).unwrap();
         assert!((parameters[0].start - 1.0).abs() < 1e-6, "{parameters:?}");
-        assert_eq!((told.count, told.elsewhere), (3, 2));
-        assert!(told.excess_ratio > 1.0, "{told:?}");
+        let precise = |sd: f64| FitResult {
+            values: vec![parameters[0].start],
+            covariance: DMatrix::from_element(1, 1, sd * sd),
+        };
+        let (elsewhere, excess_ratio) = told.elsewhere(&precise(0.1));
+        assert_eq!((told.count, elsewhere), (3, 2));
+        assert!(excess_ratio > 1.0, "{told:?}");
+        assert_eq!(told.elsewhere(&precise(5.0)).0, 0, "both optima are in the interval");
     }
 
     #[test]
     fn a_start_that_is_as_good_as_any_is_kept() {
         let mut parameters = from(2.0);
         let told = move_to_best(&mut parameters, &[vec![3.0]], &residuals).unwrap();
-        assert_eq!((parameters[0].start, told.elsewhere), (2.0, 0));
+        assert_eq!((parameters[0].start, told.others.len()), (2.0, 0));
     }
 }

@@ -246,16 +246,29 @@ impl Identification {
                 several => Setting::flag("identify", key, several.to_vec()),
             })
         };
-        self.keys().into_iter().filter_map(setting).collect()
+        let hidden = self.hidden_delay();
+        let hidden = hidden.map(|it| Setting::flag("identify", rules::HIDDEN_DELAY_KEY, it.value));
+        self.keys().into_iter().filter_map(setting).chain(hidden).collect()
     }
 
-    /// Values of a key, with the configured value for undetermined components; `None` if no component is determined.
+    /// The part of the delay of commands that their stamps lack, if the flights determine that there is one.
+    pub fn hidden_delay(&self) -> Option<&ParameterFinding> {
+        let is_hidden = |it: &&ParameterFinding| {
+            it.name == rules::HIDDEN_DELAY.name && it.value > it.half_width
+        };
+        self.findings.iter().find(is_hidden)
+    }
+
+    /// Values of a key, with the configured value for undetermined components; `None` if no component is determined. The delay of
+    /// commands is without its hidden part.
     pub fn values(&self, key: &str) -> Option<Vec<f64>> {
+        let is_delay = rules::DELAY.key == Some(key);
+        let hidden_ms = self.hidden_delay().filter(|_| is_delay).map_or(0.0, |it| it.value);
         let findings = self.of_key(key);
         let is_any_shown = findings.iter().any(|finding| finding.is_shown());
         let value = |finding: &&ParameterFinding| match finding.before {
             Some(before) if !finding.is_shown() => before,
-            _ => finding.value,
+            _ => finding.value - hidden_ms,
         };
         is_any_shown.then(|| findings.iter().map(value).collect())
     }

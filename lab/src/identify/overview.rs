@@ -6,7 +6,7 @@ use oqtal_observe::plot::unit::{MISSING, rounded};
 use super::camera_figures::PoseLatency;
 use super::digits::with_interval;
 use super::finding::{ParameterFinding, rules};
-use super::fit::StartingPoints;
+use super::fit::{FitResult, StartingPoints};
 use super::identification::Identification;
 use super::residuals::ResidualTest;
 use crate::text_table::{self, NamedRow};
@@ -65,11 +65,9 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     }
     lines.push(whiteness(&identification.residuals));
     let fits = &identification.estimate;
-    for (name, starts) in
-        [("rotation", &fits.turning.starts), ("translation", &fits.lifting.starts)]
-    {
-        lines.extend(other_optima(name, starts));
-    }
+    let (turning, lifting) = (&fits.turning, &fits.lifting);
+    lines.extend(other_optima("rotation", &turning.starts, &turning.fit));
+    lines.extend(other_optima("translation", &lifting.starts, &lifting.fit));
     let hidden = identification.findings.iter().find(|f| f.name == rules::HIDDEN_DELAY.name);
     if hidden.is_some_and(|hidden| hidden.value + hidden.half_width < 0.0) {
         let effect = "part of the delay is counted as rate lag; their sum is right";
@@ -125,8 +123,8 @@ fn not_shown(finding: &ParameterFinding, recordings: usize) -> String {
 }
 
 /// Remark on fits that ended in another optimum than the best; `None` if all agree.
-fn other_optima(name: &str, starts: &StartingPoints) -> Option<String> {
-    let StartingPoints { count, elsewhere, excess_ratio } = *starts;
+fn other_optima(name: &str, starts: &StartingPoints, fit: &FitResult) -> Option<String> {
+    let (count, (elsewhere, excess_ratio)) = (starts.count, starts.elsewhere(fit));
     let best = match excess_ratio {
         close if close < INDISTINCT => "as likely: the flight does not tell the two apart",
         _ => "less likely: the best is taken",

@@ -4,7 +4,7 @@ use oqtal_config::{Config, Setting};
 use toml::{Table, Value};
 
 use super::digits::with_interval;
-use super::finding::ParameterFinding;
+use super::finding::{ParameterFinding, rules};
 use super::identification::Identification;
 
 /// Column of the remarks \[characters\].
@@ -33,13 +33,19 @@ pub fn toml(identification: &Identification, config: &Config) -> String {
          # interval and the value before. All other keys have the value with which the vehicle flew, except those of\n\
          # this flight alone: [instance], [record], [plant], [clock], [log], and the kind and duration of the trajectory. Keys\n\
          # that are not here have the value of the preset. A simulated vehicle follows [vehicle]; to\n\
-         # simulate the vehicle of this flight, add its [plant].\n"
+         # simulate the vehicle of this flight, add its [plant], of which only the delay beyond the stamps is here.\n"
     );
     let mut lines = configured(identification, config);
     for key in identification.keys() {
         let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
         lines.push((section.to_owned(), line(identification, key, name)));
     }
+    lines.extend(identification.hidden_delay().map(|hidden| {
+        let (_, name) = rules::HIDDEN_DELAY_KEY.split_once('.').unwrap_or_default();
+        let (value, half) = with_interval(hidden.value, hidden.half_width);
+        let remark = format!("± {half}; not in the stamps from which laws take the delay");
+        ("plant".to_owned(), commented(format!("{name} = {}", with_decimals(value)), &remark))
+    }));
     // The sort is stable: in a section the configured keys, with the preset first, are before the identified ones.
     lines.sort_by(|a, b| a.0.cmp(&b.0));
     let mut section = String::new();
@@ -110,7 +116,11 @@ fn line(identification: &Identification, key: &str, name: &str) -> String {
         [number] => number.clone(),
         several => format!("[{}]", several.join(", ")),
     };
-    format!("{:<REMARKS_AT$} # {remark}\n", format!("{name} = {numbers}"))
+    commented(format!("{name} = {numbers}"), &remark)
+}
+
+fn commented(line: String, remark: &str) -> String {
+    format!("{line:<REMARKS_AT$} # {remark}\n")
 }
 
 /// `number` as a floating-point number of TOML.

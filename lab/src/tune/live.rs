@@ -148,7 +148,11 @@ fn settings_of(
     };
     let mut settings: Vec<Setting> = present.iter().filter(is_used).cloned().collect();
     let found = identification.settings().into_iter().filter_map(|setting| {
-        let key = format!("plant.{}", setting.key.strip_prefix("vehicle.")?);
+        let key = match setting.key.strip_prefix("vehicle.") {
+            Some(name) => format!("plant.{name}"),
+            None if setting.key.starts_with("plant.") => setting.key,
+            None => return None,
+        };
         Some(Setting { key, ..setting })
     });
     settings.extend(found);

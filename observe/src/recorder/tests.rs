@@ -291,6 +291,22 @@ fn a_stop_that_is_in_force_when_a_recording_begins_is_of_an_earlier_flight() {
 }
 
 #[test]
+fn a_stop_before_the_take_off_is_not_the_end_of_the_flight() {
+    let mut recorder = Recorder::new(&Config::default());
+    let (waits, flies) =
+        ((Mode::Disarmed, SafetyState::Nominal), (Mode::Flying, SafetyState::Nominal));
+    let ticks = [waits, (Mode::Disarmed, SafetyState::Stop), flies, flies, flies, flies];
+    let mut time = Time::VIRTUAL_START;
+    for (mode, state) in ticks {
+        time = time + Span::from_millis(600);
+        let (mode, state) = (mode.code(), state.code());
+        let telemetry = TelemetryV1 { time, mode, state, ..TelemetryV1::default() };
+        recorder.sample(&Reception::default(), Sample::Telemetry(&telemetry));
+    }
+    assert_eq!(recorder.finish(Outcome::Unfinished, 1.0).outcome, Outcome::Unfinished);
+}
+
+#[test]
 fn a_flight_whose_truth_ends_ends_as_the_daemon_reports() {
     let flown = [SafetyState::Nominal; 50];
     let ended = [SafetyState::Coast; 25];
