@@ -15,6 +15,8 @@ const TOO_SLOW: f64 = 0.66;
 const SLOW: f64 = 0.97;
 /// Rate at which the loop would run over the configured one, above which the cameras are faster than expected \[-\].
 const FAST: f64 = 1.25;
+/// Interval between two frames, in periods of the loop, above which there is advice \[-\].
+const GAP_PERIODS: f64 = 3.0;
 const RATE_REMEDY: &str =
     "raise the cameras' rate to that of the loop or above, or lower control.rate-hz";
 const LOSS_REMEDY: &str = "connect by cable to a switch of its own";
@@ -42,7 +44,7 @@ const CHECKS: &[ProbeCheck] = &[
     (
         "rate",
         Severity::Advice,
-        "set safety.pose-rate-hz to the cameras' rate, so that the loop acts on every second pose, third, or so on",
+        "set safety.pose-rate-hz to the cameras' rate, and probe again: the loop then acts on every second pose, third, or so on",
         |f| {
             let rate_hz = f.camera_rate_hz?;
             let would_hz = rate_hz / f.poses_per_tick;
@@ -54,16 +56,27 @@ const CHECKS: &[ProbeCheck] = &[
         },
     ),
     (
+        "rate",
+        Severity::Advice,
+        "set control.rate-hz to the rate at which the loop acts, or change the cameras' rate",
+        |f| {
+            let (acts_hz, every, loop_hz) = (f.acts_hz?, f.poses_per_tick, f.loop_hz);
+            Some(format!(
+                "the loop acts on one pose in {every}, at {acts_hz:.2} Hz, while its laws are designed for {loop_hz} Hz"
+            ))
+        },
+    ),
+    (
         "longest gap",
         Severity::Problem,
         "connect by cable, not by radio; motors stop after safety.coast-ms without a pose",
-        |f| over(f.interval?.max_ns, 250, i64::MAX),
+        |f| over(f.interval?.max_ns, f.coast_ms..f64::INFINITY),
     ),
     (
         "longest gap",
         Severity::Advice,
         "connect by cable, not by radio; close other programs on the cameras' computer",
-        |f| over(f.interval?.max_ns, 50, 250),
+        |f| over(f.interval?.max_ns, GAP_PERIODS * 1e3 / f.loop_hz..f.coast_ms),
     ),
     ("lost frames", Severity::Problem, LOSS_REMEDY, |f| lost(f, !f.has_tcp, f.loss_warning..2.0)),
     ("lost frames", Severity::Problem, TCP_REMEDY, |f| lost(f, f.has_tcp, f.loss_warning..2.0)),
@@ -99,7 +112,7 @@ const CHECKS: &[ProbeCheck] = &[
         "while flying, switch the time service of the cameras' computer off and do not restart the measurement: after a step of more than 25 ms there are no poses for half a second",
         |f| {
             let times = f.clock?.relearned;
-            (times > 0).then(|| format!("the server's clock stepped, number of times: {times}"))
+            (times > 0).then(|| format!("steps of the server's clock: {times}"))
         },
     ),
     (
@@ -109,14 +122,14 @@ const CHECKS: &[ProbeCheck] = &[
         |f| {
             let drift_ppm = f.clock?.drift_ppm;
             (drift_ppm.abs() > 0.95e6 * MAX_DRIFT && f.seconds >= 5.0)
-                .then(|| format!("{drift_ppm:.0} ppm or more"))
+                .then(|| format!("{drift_ppm:.0} ppm; the estimate ends at ±200 ppm"))
         },
     ),
     (
         "delays",
         Severity::Advice,
         "connect by cable; close other programs on the cameras' computer; take UDP where the protocol has both (QTM: transport=udp)",
-        |f| over(f.clock?.residual_p99_ns, 10, i64::MAX),
+        |f| over(f.clock?.residual_p99_ns, 10.0..f64::INFINITY),
     ),
     (
         "tracking",
@@ -170,11 +183,10 @@ fn rate(figures: &ProbeFigures, range: Range<f64>) -> Option<String> {
         .then(|| format!("{rate_hz:.1} Hz, for a loop of {loop_hz} Hz"))
 }
 
-/// The duration in words if it is above `from_ms` and at most `to_ms`.
-fn over(nanos: i64, from_ms: i64, to_ms: i64) -> Option<String> {
-    let range = from_ms.saturating_mul(1_000_000)..=to_ms.saturating_mul(1_000_000);
-    (range.contains(&nanos) && nanos != *range.start())
-        .then(|| format!("{:.0} ms", nanos as f64 * 1e-6))
+/// The duration in words if it is above the start of `range_ms` and at most its end \[ms\].
+fn over(nanos: i64, range_ms: Range<f64>) -> Option<String> {
+    let ms = nanos as f64 * 1e-6;
+    (ms > range_ms.start && ms <= range_ms.end).then(|| format!("{ms:.0} ms"))
 }
 
 /// The bodies whose share of tracked frames is `wrong`, in words.
@@ -203,6 +215,7 @@ mod tests {
             camera_rate_hz: Some(100.0),
             loss: Some(0.0),
             loss_warning: 0.05,
+            coast_ms: 250.0,
             loop_hz: 60.0,
             poses_per_tick: 2.0,
             interval: Some(IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() }),
@@ -239,6 +252,8 @@ mod tests {
             [("rate", Advice)]
         );
         assert_eq!(names(&ProbeFigures { loop_hz: 200.0, ..good() }), [("rate", Problem)]);
+        let other_rate = ProbeFigures { acts_hz: Some(50.0), ..good() };
+        assert_eq!(names(&other_rate), [("rate", Advice)]);
         for (max_ns, severity) in [(60_000_000, Advice), (300_000_000, Problem)] {
             let interval = Some(IntervalFigures { max_ns, ..IntervalFigures::default() });
             assert_eq!(names(&ProbeFigures { interval, ..good() }), [("longest gap", severity)]);
@@ -251,6 +266,16 @@ mod tests {
             let bodies = vec![BodyFigures { tracked: Some(tracked), ..good().bodies[0].clone() }];
             assert_eq!(names(&ProbeFigures { bodies, ..good() }), [("tracking", severity)]);
         }
+    }
+
+    #[test]
+    fn the_longest_gap_is_compared_with_the_configured_limits() {
+        let longest = |max_ns, coast_ms, loop_hz| {
+            let interval = Some(IntervalFigures { max_ns, ..IntervalFigures::default() });
+            names(&ProbeFigures { interval, coast_ms, loop_hz, ..good() })
+        };
+        assert_eq!(longest(300_000_000, 500.0, 60.0), [("longest gap", Severity::Advice)]);
+        assert_eq!(longest(60_000_000, 250.0, 40.0), []);
     }
 
     #[test]

@@ -27,6 +27,9 @@ pub struct ProbeFigures {
     /// Share of lost frames above which the daemon warns, `safety.pose-loss-warning` \[0..1\].
     #[serde(skip)]
     pub loss_warning: f64,
+    /// Age of the last pose at which the daemon stops the motors, `safety.coast-ms` \[ms\].
+    #[serde(skip)]
+    pub coast_ms: f64,
     /// Whether poses are dated by their arrival: the server's clock is then not used.
     #[serde(skip)]
     pub dates_by_arrival: bool,
@@ -38,6 +41,9 @@ pub struct ProbeFigures {
     /// Number of poses per tick of the loop at the rate that the configuration expects \[-\].
     #[serde(skip)]
     pub poses_per_tick: f64,
+    /// Rate at which the loop acts instead, since `loop_hz` is not that of a whole number of poses \[Hz\]; `None` if it is.
+    #[serde(skip)]
+    pub acts_hz: Option<f64>,
     /// Intervals between arrivals; `None` without any.
     pub interval: Option<IntervalFigures>,
     /// Intervals longer than 50 ms \[-\]; `None` without a frame.
@@ -201,7 +207,7 @@ impl fmt::Display for ClockFigures {
         }
         write!(
             f,
-            "clock      offset {:.3} s (any is fine), drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
+            "clock      offset {:.3} s (any value is fine), drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
             offset_ns as f64 * 1e-9,
             residual_p99_ns as f64 * 1e-6,
             uncertainty_ns as f64 * 1e-6
