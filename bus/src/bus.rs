@@ -68,9 +68,7 @@ impl Bus {
             Err(error) => Err(system(format!("opening {}", paths.root.display()), &error)),
             Ok(_) => {
                 paths.prepare()?;
-                Membership::exists(paths)
-                    .then(|| Self::open(paths).map(Self::as_visitor))
-                    .transpose()
+                Membership::exists(paths).then(|| Self::open(paths).map(Self::visiting)).transpose()
             }
         }
     }
@@ -99,10 +97,10 @@ impl Bus {
     /// This bus for an observer, whose readers take the places for observers: [`BusError::Crowded`] if there is none. The configuration
     /// of the daemon remains as for [`Bus::open_running`].
     pub fn for_observer(self) -> Self {
-        Self { place: ReaderPlace::Observer, ..self.as_visitor() }
+        Self { place: ReaderPlace::Observer, ..self.visiting() }
     }
 
-    fn as_visitor(self) -> Self {
+    fn visiting(self) -> Self {
         self.membership.keep_config();
         self
     }

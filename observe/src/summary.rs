@@ -273,8 +273,8 @@ impl Summary {
             revision: &'static str,
         }
         let Provenance { version, revision } = provenance;
-        let document = Document { summary: self, version, revision };
-        serde_json::to_string_pretty(&document).expect("a summary is plain JSON")
+        serde_json::to_string_pretty(&Document { summary: self, version, revision })
+            .expect("a summary is plain JSON")
     }
 }
 
@@ -318,13 +318,14 @@ fn count(flight: &Flight, counter: impl Fn(&TelemetryV1) -> u64) -> u64 {
     }
 }
 
-/// Number of Riccati equations solved in the flights, the first of each included; in all ticks if none is armed \[-\].
+/// Number of Riccati equations solved in the flights, or in all ticks if none is armed; a first one before the take-off counts, and
+/// another daemon counts from zero \[-\].
 fn riccati_solves(flight: &Flight) -> u64 {
     let has_flown = flight.armed().next().is_some();
     let pairs = flight.samples.windows(2).filter(|pair| !has_flown || pair[1].is_armed());
-    let solves = pairs.map(|pair| [0, 1].map(|index: usize| pair[index].telemetry.riccati_solves));
-    // Another daemon counts from zero.
-    solves.map(|[before, now]| now.checked_sub(before).unwrap_or(now)).sum()
+    let counts = pairs.map(|pair| [0, 1].map(|index: usize| pair[index].telemetry.riccati_solves));
+    let add = |sum, [before, now]: [u64; 2]| sum + now.checked_sub(before).unwrap_or(now);
+    counts.fold(0, |sum, pair| add(sum, pair).max(pair[1].min(1)))
 }
 
 /// Time from the first to the last armed tick of each flight, together \[s\].

@@ -39,6 +39,29 @@ pub struct ProcessWatch<'a> {
     failure: Mutex<Option<Failure>>,
 }
 
+/// End of the process of the cameras in flight, said at the end of the flight at the latest, with the instant until which the daemon may end the flight by itself.
+struct CameraLoss(Option<(Failure, Time)>);
+
+impl Drop for CameraLoss {
+    fn drop(&mut self) {
+        self.0.iter().for_each(|(failure, _)| say(&failure.message));
+    }
+}
+
+impl CameraLoss {
+    /// Checks the cameras. In flight the daemon has the time `descent`: it may descend without poses.
+    ///
+    /// # Errors
+    /// The cameras have ended, on the ground or for too long.
+    fn check(&mut self, group: &mut ProcessGroup, descent: Option<Span>) -> Result<(), Failure> {
+        let now = Time::now();
+        if let Some(failure) = group.camera_failure() {
+            self.0 = Some((failure, now + descent.unwrap_or(Span::ZERO)));
+        }
+        self.0.take_if(|(_, until)| now >= *until).map_or(Ok(()), |(failure, _)| Err(failure))
+    }
+}
+
 impl<'a> ProcessWatch<'a> {
     /// Watch over the flight under `config` at `paths`; sets `stop` when the flight cannot continue.
     pub fn new(paths: &'a InstancePaths, config: &'a Config, stop: &'a StopFlag) -> Self {
@@ -58,17 +81,11 @@ impl<'a> ProcessWatch<'a> {
         let bus = Bus::open(self.paths)?;
         let mut telemetry = bus.reader(&TELEMETRY)?;
         let mut faults = ProcessFaults::open(&bus, self.config)?;
-        let (mut landing, mut blind) = (None, None);
+        let (mut landing, mut cameras) = (None, CameraLoss(None));
         let (mut is_in_flight, mut has_flown) = (false, false);
         while !self.over.is_set() {
-            if let Some(failure) = processes.camera_failure() {
-                blind = Some((failure, Time::now() + self.descent()));
-            }
+            cameras.check(processes, is_in_flight.then(|| self.descent()))?;
             processes.failure().map_or(Ok(()), Err)?;
-            let is_over = |until: Time| !is_in_flight || Time::now() > until;
-            if let Some((failure, _)) = blind.take_if(|(_, until)| is_over(*until)) {
-                return Err(failure);
-            }
             self.inject(&mut faults, processes)?;
             if let Some((_, tick)) = telemetry.latest()? {
                 is_in_flight = tick.is_armed();

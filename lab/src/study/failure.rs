@@ -119,7 +119,7 @@ pub fn case_name(case: &str) -> Value {
 /// Command that flies a test of `law` in `condition` again in one process.
 pub fn again(law: &StudyLaw, condition: &FlightCondition, test: Test) -> String {
     let plant = changed(law, condition.plant).expect("the condition was flown");
-    let mut settings = [law.settings_in(condition), plant].concat();
+    let mut settings = [law.settings_under(&condition.settings), plant].concat();
     settings.extend(test.trajectory().map(|name| Setting::flag("", "trajectory.kind", name)));
     format!(
         "oqtal fly --clock in-process --controller {} --seed {}{}",

@@ -225,7 +225,7 @@ impl Test {
 /// A setting is invalid.
 pub fn config(law: &StudyLaw, condition: &FlightCondition, test: Test) -> Result<Config, Failure> {
     let changes = changed(law, condition.plant)?;
-    let mut settings = [law.settings_in(condition), changes].concat();
+    let mut settings = [law.settings_under(&condition.settings), changes].concat();
     settings.push(law.setting());
     let trajectory = test.trajectory();
     settings.extend(trajectory.map(|name| Setting::flag("campaign", "trajectory.kind", name)));

@@ -268,4 +268,18 @@ mod tests {
             assert!(FILES.iter().any(|(file, _)| *file == name), "no deploy/tuned/{name}.toml");
         }
     }
+
+    #[test]
+    fn gains_replace_the_default_of_a_study_without_a_note() {
+        let key = "position.velocity-integral-limit-m-s2";
+        let common = [Setting::flag(law::STUDY_DEFAULT, key, 4.0)];
+        let gains = [&common[..], &[Setting::flag("own.toml:1", key, 2.0)]].concat();
+        let flown = [gains, common.to_vec()].map(|settings| {
+            let law = StudyLaw::new("pid", settings, "");
+            assert_eq!(replaced(std::slice::from_ref(&law), &common), None);
+            let config = Config::from_settings(&law.settings_under(&common)).unwrap();
+            config.position.velocity_integral_limit_m_s2
+        });
+        assert_eq!(flown, [2.0, 4.0]);
+    }
 }

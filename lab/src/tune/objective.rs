@@ -2,23 +2,20 @@
 
 use oqtal_control::statistics::mean;
 
-use super::search::TrainingFlights;
 use super::trade::{MetricWeights, WORST_SHARE};
 use crate::study::Flown;
 use crate::study::metric::{Figures, METRICS};
 
-impl TrainingFlights {
-    /// Figures of a law, of which the objective is made; infinite if a flight near the configured plant did not land, NaN for one without
-    /// a meaning for the flights.
-    pub(super) fn figures(&self, flown: &Flown, reference: &Figures) -> Figures {
-        std::array::from_fn(|metric| {
-            let figures = flown.bounded_values(metric);
-            match self.draws {
-                0 => mean(&figures),
-                _ => quadratic_mean(&figures, WORST_SHARE * reference[metric]),
-            }
-        })
-    }
+/// Figures of a law over `draws` of the vehicle, 0 for plants near the configured one, of which the objective is made; infinite if a
+/// flight near the configured plant did not land, NaN for one without a meaning for the flights.
+pub(super) fn figures(draws: usize, flown: &Flown, reference: &Figures) -> Figures {
+    std::array::from_fn(|metric| {
+        let figures = flown.bounded_values(metric);
+        match draws {
+            0 => mean(&figures),
+            _ => quadratic_mean(&figures, WORST_SHARE * reference[metric]),
+        }
+    })
 }
 
 /// Weighted mean of the metrics, each divided by the reference \[-\]; lower is better. Metrics without a meaning for the flights
@@ -45,33 +42,11 @@ fn quadratic_mean(figures: &[f64], greatest: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Progress;
-    use crate::study::flights::Test;
-    use crate::study::metric::{METRIC, OVERSHOOT, SETTLE};
     use crate::tune::trade::default_weights;
-    use oqtal_config::Setting;
 
     #[test]
     fn the_objective_of_the_reference_is_one() {
         let figures = std::array::from_fn(|index| 1.0 + index as f64);
         assert!((objective(&figures, &figures, &default_weights()) - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_path_without_corners_has_an_objective_beside_a_reference_that_does_not_land() {
-        let circle = Setting::flag("test", "trajectory.kind", "circle");
-        let mut flights = TrainingFlights::near(vec![circle], 101..102);
-        flights.case = flights.case.flown_as(&[Test::Path]);
-        flights.weights[OVERSHOOT + 1..].fill(0.0);
-        let law = flights.law("oqtal-dt", &[]);
-        let flown = flights.fly(&law, &flights.case, &Progress::default()).unwrap();
-        let reference = METRIC.map(|metric| metric.shipped);
-        for draws in [0, 1] {
-            flights.draws = draws;
-            let figures = flights.figures(&flown, &reference);
-            assert!(figures[SETTLE].is_nan(), "{draws}: {figures:?}");
-            let objective = objective(&figures, &reference, &flights.weights);
-            assert!(objective < 4.0, "{objective}");
-        }
     }
 }

@@ -10,7 +10,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
 
 use super::bee_colony::Best;
-use super::objective::objective;
+use super::objective::{figures, objective};
 use super::space::{configured, parameters, present, values};
 use super::trade::{self, MetricWeights, default_weights};
 pub use super::tuned::{Budget, SearchPath, Tuned, settings};
@@ -215,7 +215,7 @@ pub fn law(
     let law = |gains: &[Setting]| flights.law(name, gains);
     let changed = |point: &[f64]| [values(&parameters, point), flights.computed.clone()].concat();
     let fly = |gains: &[Setting], case: &Case| flights.fly(&law(gains), case, progress);
-    let figures = |flown: &Flown| flights.figures(flown, &reference);
+    let figures = |flown: &Flown| figures(flights.draws, flown, &reference);
     let value = |flown: &Flown| objective(&figures(flown), &reference, &flights.weights);
     let before = fly(&[], &flights.case)?;
     let (start, from) = (value(&before), configured(&parameters, &config));
@@ -311,7 +311,8 @@ pub fn before_and_after(law: &StudyLaw, progress: &Progress) -> Result<[f64; 2],
     let flights = TrainingFlights::default();
     let reference = flights.reference(progress)?;
     let of = |law: &StudyLaw| {
-        let figures = flights.figures(&flights.fly(law, &flights.case, progress)?, &reference);
+        let flown = flights.fly(law, &flights.case, progress)?;
+        let figures = figures(flights.draws, &flown, &reference);
         Ok(objective(&figures, &reference, &flights.weights))
     };
     let shipped: Result<f64, Failure> = of(&flights.law(law.controller, &[]));
@@ -321,6 +322,7 @@ pub fn before_and_after(law: &StudyLaw, progress: &Progress) -> Result<[f64; 2],
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::metric::{METRIC, OVERSHOOT, SETTLE};
 
     #[test]
     fn gains_beyond_their_range_are_kept_as_they_are() {
@@ -366,5 +368,22 @@ mod tests {
         let reason = failure.unwrap_err().to_string();
         assert!(reason.contains("do not land every training flight"), "{reason}");
         assert!(reason.contains("pid, training, hover: 1 of 1"), "{reason}");
+    }
+
+    #[test]
+    fn a_path_without_corners_has_an_objective_beside_a_reference_that_does_not_land() {
+        let circle = Setting::flag("test", "trajectory.kind", "circle");
+        let mut flights = TrainingFlights::near(vec![circle], 101..102);
+        flights.case = flights.case.flown_as(&[Test::Path]);
+        flights.weights[OVERSHOOT + 1..].fill(0.0);
+        let law = flights.law("oqtal-dt", &[]);
+        let flown = flights.fly(&law, &flights.case, &Progress::default()).unwrap();
+        let reference = METRIC.map(|metric| metric.shipped);
+        for draws in [0, 1] {
+            let found = figures(draws, &flown, &reference);
+            assert!(found[SETTLE].is_nan(), "{draws}: {found:?}");
+            let objective = objective(&found, &reference, &flights.weights);
+            assert!(objective < 4.0, "{objective}");
+        }
     }
 }
