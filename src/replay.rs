@@ -164,7 +164,7 @@ impl ReplayArgs {
             Some(_) => "begins after the start of its daemon".to_owned(),
         };
         let path = self.file.display();
-        let remedy = "a replay needs everything from the daemon's start: start `oqtal record` first, with the daemon's --config and flags, or use `oqtal fly`";
+        let remedy = "a replay needs everything from the daemon's start: of a recording in several files give the first, or start `oqtal record` before the daemon, with its --config and flags, or use `oqtal fly`";
         Err(Failure::new(Exit::Data, format!("{path} {reason}; {remedy}")))
     }
 }

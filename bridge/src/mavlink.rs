@@ -213,8 +213,12 @@ impl VehicleProtocol for Mavlink {
                 known.and_then(|(_, kind)| self.starting.start(now, kind, &self.vehicle))
             }
             VehicleSetpoint::StopMotors => self.starting.stop(now, self.vehicle.heartbeat_at()),
-            VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => {
+            VehicleSetpoint::Zero => {
                 self.starting.rest();
+                None
+            }
+            VehicleSetpoint::Fly(_) => {
+                self.starting.fly();
                 None
             }
         };

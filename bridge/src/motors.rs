@@ -100,7 +100,7 @@ const TRANSITIONS: [MotorTransition; 14] = {
         },
         T { from: Off, to: Running, when: |c| c.requested && c.running },
         T { from: Off, to: Starting, when: |c| c.requested && (c.stopped || c.armed) },
-        // The request was withdrawn, and not only late: the toggle may have taken effect already, and then must be undone.
+        // An operator or a long silence withdrew the request; a late command does not. The toggle may have taken effect and must be undone.
         T { from: Starting, to: Stopping, when: |c| c.disarmed || c.daemon_silent.is_some() },
         // The pilot, or the vehicle itself, has disarmed it while it spooled up.
         T { from: Starting, to: Inhibited, when: |c| c.was_armed && c.stopped },
@@ -150,7 +150,7 @@ pub struct MotorSequencer {
     /// Time after the last toggle of a start within which the motors may begin to run, or be reported to.
     takes_effect: Span,
     started_here: bool,
-    /// Instant of the last step in a start that neither running motors nor a later report of stopped ones followed.
+    /// Last step in a start sequence, until the motors run or are known to have stayed off.
     started_at: Option<Time>,
     /// Whether the last sequence stops motors that the bridge did not start.
     stops_others: bool,
@@ -213,8 +213,10 @@ impl MotorSequencer {
         self.started_here |= self.may_start() && conditions.armed;
         let was_armed = self.state == MotorState::Starting && self.started_here;
         self.started_here &= !conditions.stopped;
-        let has_effect = |at: &Time| now.since(*at) < self.takes_effect || !conditions.stopped;
-        self.started_at = self.started_at.filter(|at| !conditions.armed && has_effect(at));
+        // Without a report, a pilot may have started motors that run later.
+        let longest = if conditions.stopped { Span::ZERO } else { self.longest };
+        let may_start = |at: &Time| now.since(*at) < self.takes_effect + longest;
+        self.started_at = self.started_at.filter(|at| !conditions.armed && may_start(at));
         let conditions = MotorConditions {
             started_here: self.started_here,
             was_armed,

@@ -173,7 +173,8 @@ impl CampaignArgs {
         };
         let table = sheet.without(hidden).to_text();
         let note = if cases.len() > 1 { format!("\n{NOTE}") } else { String::new() };
-        format!("{table}\n{}{note}", failure::text(flown, &table))
+        let loads = if cases.iter().any(|case| case.name == DISTURBED) { LOADS } else { "" };
+        format!("{table}\n{}{note}{loads}", failure::text(flown, &table))
     }
 
     fn sheet(&self, flown: &[Flown]) -> Sheet {
@@ -246,6 +247,11 @@ const FIRST: [Column; 3] = [
     ("disturbed_hover_rms_mm", "RMS [mm]"),
     ("circle_error_m", "circle [m]"),
 ];
+
+/// Note on the disturbed hover, whose loads begin at [`GUST_S`] and [`PAYLOAD_S`].
+const LOADS: &str = "
+Gust: 3 m/s along x, from 16 s after arming for 3 s. Payload: a tenth of the
+configured mass, from 24 s on.";
 
 /// Row of a law: the disturbed hover and the circle, if they were flown, and Table V.
 fn campaign_row(flown: &[Flown], plain: &Flown, best: usize) -> SheetRow {

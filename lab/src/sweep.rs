@@ -49,7 +49,7 @@ pub struct SweepArgs {
     /// Print one JSON document per row instead of a table
     #[arg(long)]
     json: bool,
-    /// File of the table as CSV, or its directory [default: sweep.csv in results/sweep-N]
+    /// File of the table, as FILE.csv, or its directory [default: sweep.csv in results/sweep-N]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -138,11 +138,13 @@ impl SweepArgs {
     /// Flies every combination with every law and prints the figures.
     ///
     /// # Errors
-    /// A key or value is invalid (exit code 78), there are too many combinations or a key is given twice (64), or the file cannot be written (71).
+    /// A key or value is invalid (exit code 78), there are too many combinations or a key is given twice (64), or the file cannot be
+    /// written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let settings = self.study.settings()?;
         let config = Config::from_settings(&settings)?;
-        let given = self.out.as_ref().filter(|out| !out.is_dir());
+        let is_file = |out: &&PathBuf| !out.is_dir() && out.extension().is_some();
+        let given = self.out.as_ref().filter(is_file);
         let output = match given {
             Some(file) => StudyOutput::beside(std::slice::from_ref(file), &config, self.existing)?,
             None => {

@@ -207,9 +207,10 @@ fn findings_are_a_layer_of_the_configuration() {
         [vehicle.rate_lag_ms, vehicle.command_delay_ms, vehicle.max_thrust_n, vehicle.drag_per_s]
     });
     // Laws take the delay from the stamps, which lack the hidden one.
-    let stamped_ms = flight.config.vehicle.command_delay_ms;
-    assert!((found.command_delay_ms - stamped_ms).abs() < 0.5, "{found:?}");
-    assert!((layered.plant.hidden_delay_ms - 9.0).abs() < 1.5, "{:?}", layered.plant);
+    let (stamped_ms, plant) = (flight.config.vehicle.command_delay_ms, &layered.plant);
+    assert!((found.command_delay_ms - stamped_ms - 9.0).abs() < 1.5, "{found:?}");
+    assert!((plant.command_delay_ms - stamped_ms).abs() < 0.5, "{plant:?}");
+    assert!((plant.hidden_delay_ms - 9.0).abs() < 1.5, "{plant:?}");
     // The file has as many digits as the intervals support.
     assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 0.01), "{a:?} {b:?}");
 }

@@ -149,20 +149,22 @@ impl ProcessGroup {
 
     /// Failure of the first process found to have ended; `None` while all are running.
     pub fn failure(&mut self) -> Option<Failure> {
-        let up = self.members.iter_mut().filter(|member| !member.is_down);
-        up.into_iter().find_map(|member| member.child.failure())
+        self.camera_failure().or_else(|| self.other_failure())
     }
 
-    /// The same of the process of the cameras or their receiver, reported once: a vehicle can still descend without poses.
+    /// Failure of the camera or receiver process, without which a vehicle can still descend.
     pub fn camera_failure(&mut self) -> Option<Failure> {
-        let cameras = |member: &&mut Member| {
-            matches!(member.role, Role::Mocap | Role::Receiver) && !member.is_down
-        };
-        self.members.iter_mut().filter(cameras).find_map(|member| {
-            let failure = member.child.failure();
-            member.is_down = failure.is_some();
-            failure
-        })
+        self.failure_of(|role| matches!(role, Role::Mocap | Role::Receiver))
+    }
+
+    /// Failure of any other process.
+    pub fn other_failure(&mut self) -> Option<Failure> {
+        self.failure_of(|role| !matches!(role, Role::Mocap | Role::Receiver))
+    }
+
+    fn failure_of(&mut self, is_meant: fn(Role) -> bool) -> Option<Failure> {
+        let up = self.members.iter_mut().filter(|it| !it.is_down && is_meant(it.role));
+        up.into_iter().find_map(|member| member.child.failure())
     }
 
     /// Ends all processes and waits for each: the daemon first, which disarms the vehicle, then the bridge, which transmits the

@@ -39,7 +39,7 @@ pub struct ProcessWatch<'a> {
     failure: Mutex<Option<Failure>>,
 }
 
-/// End of the process of the cameras in flight, said at the end of the flight at the latest, with the instant until which the daemon may end the flight by itself.
+/// Failure of the camera process in flight, and the time at which the watch ends the flight. Printed when dropped, if not returned before.
 struct CameraLoss(Option<(Failure, Time)>);
 
 impl Drop for CameraLoss {
@@ -56,7 +56,7 @@ impl CameraLoss {
     fn check(&mut self, group: &mut ProcessGroup, descent: Option<Span>) -> Result<(), Failure> {
         let now = Time::now();
         if let Some(failure) = group.camera_failure() {
-            self.0 = Some((failure, now + descent.unwrap_or(Span::ZERO)));
+            self.0.get_or_insert((failure, now + descent.unwrap_or(Span::ZERO)));
         }
         self.0.take_if(|(_, until)| now >= *until).map_or(Ok(()), |(failure, _)| Err(failure))
     }
@@ -85,7 +85,7 @@ impl<'a> ProcessWatch<'a> {
         let (mut is_in_flight, mut has_flown) = (false, false);
         while !self.over.is_set() {
             cameras.check(processes, is_in_flight.then(|| self.descent()))?;
-            processes.failure().map_or(Ok(()), Err)?;
+            processes.other_failure().map_or(Ok(()), Err)?;
             self.inject(&mut faults, processes)?;
             if let Some((_, tick)) = telemetry.latest()? {
                 is_in_flight = tick.is_armed();

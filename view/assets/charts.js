@@ -99,8 +99,9 @@ export class Charts {
     // Points of adjacent pixels are less than two pixels apart.
     const gap = Math.max(this.store.gap, (2 * (to - from)) / (width - LEFT - RIGHT));
     const order = values.map((_, i) => i);
+    const isEmpty = rows.slice(start, end).map((row) => lines.every((column) => row[column] === null));
     for (const i of chart.isStacked ? order.reverse() : order) {
-      const points = thin(values[i].filter(([, value]) => value !== null), x, width);
+      const points = thin(values[i].filter(([, value], k) => value !== null || isEmpty[k]), x, width);
       this.drawTrace(pen, points, { x, y, gap, color: this.color(chart.traces[i][2]), floor: chart.isStacked ? y(0) : null });
     }
     pen.restore();
@@ -190,7 +191,8 @@ export class Charts {
       run = [];
     };
     for (const [t, value] of points) {
-      if (t - last > gap) flush();
+      if (t - last > gap || value === null) flush();
+      if (value === null) continue;
       run.push([x(t), y(value)]);
       last = t;
     }
@@ -221,6 +223,12 @@ function thin(points, x, width) {
   };
   let group = [];
   for (const point of points) {
+    if (point[1] === null) {
+      if (group.length) flush(group);
+      group = [];
+      kept.push(point);
+      continue;
+    }
     if (group.length && Math.floor(x(point[0])) !== Math.floor(x(group[0][0]))) {
       flush(group);
       group = [];

@@ -87,7 +87,7 @@ fn truncate_events(events: &mut Vec<ViewedEvent>) {
 }
 
 /// About one row in `thinning`: half at a regular spacing; half are the extremes of each column in `curves`, per segment. A row without
-/// values marks a time without rows. Rows without a value are not kept for it: a page shows a gap only if it is longer than the regular spacing.
+/// values marks a time without rows.
 fn thinned<const N: usize>(
     rows: &[[f64; N]],
     thinning: usize,

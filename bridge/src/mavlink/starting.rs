@@ -58,9 +58,14 @@ impl StartSequence {
         *self = Self::default();
     }
 
-    /// Ends a sequence; set-points continue.
+    /// Interrupts a sequence; set-points continue. A refused stop is forced later.
     pub(super) fn rest(&mut self) {
         (self.not_before, self.unanswered) = (None, 0);
+    }
+
+    /// Ends a sequence: the vehicle flies.
+    pub(super) fn fly(&mut self) {
+        self.rest();
         (self.is_stopping, self.refused_at) = (false, None);
     }
 
@@ -80,6 +85,7 @@ impl StartSequence {
         kind: AutopilotKind,
         vehicle: &AutopilotState,
     ) -> Option<Unaddressed> {
+        (self.is_stopping, self.refused_at) = (false, None);
         let streams = self.stream_since.is_some_and(|since| now.since(since) >= STREAM_FIRST);
         let needs_stream = kind == AutopilotKind::Px4 && !streams;
         if needs_stream || !self.is_due(now) {
@@ -98,7 +104,7 @@ impl StartSequence {
         if !std::mem::replace(&mut self.is_stopping, true) {
             (self.not_before, self.unanswered) = (None, 0);
         }
-        // A pilot may have taken control of a vehicle that refuses: its next heartbeat tells.
+        // After a refusal a heartbeat is awaited: a pilot may have taken control, which it reports.
         let is_seen = |at: Time| heartbeat_at.is_some_and(|heartbeat_at| heartbeat_at > at);
         if !self.is_due(now) || !self.refused_at.is_none_or(is_seen) {
             return None;
@@ -178,7 +184,10 @@ mod tests {
         assert_eq!(forced(sequence.stop(at(0), None)), Some(false));
         sequence.acknowledged(at(10), ARM, AckResult::Denied, &mut |_| {});
         assert_eq!(forced(sequence.stop(at(20), Some(at(5)))), None);
-        assert_eq!(forced(sequence.stop(at(70), Some(at(60)))), Some(true));
+        sequence.rest();
+        assert_eq!(forced(sequence.stop(at(1010), Some(at(1000)))), Some(true));
+        sequence.fly();
+        assert_eq!(forced(sequence.stop(at(2000), Some(at(2000)))), Some(false));
     }
 
     #[test]

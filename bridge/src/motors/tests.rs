@@ -97,6 +97,10 @@ fn motors_that_start_late_are_those_of_the_bridge() {
         motors.step(later(late_ms + 20), disarmed);
         assert_eq!(motors.state() == Stopping, is_ours, "{late_ms}");
     }
+    let mut silent = motors(Starting, &waiting);
+    silent.step(START + LONGEST, waiting);
+    silent.step(START + Span::from_millis(60_000), NONE);
+    assert!(!silent.may_start(), "a pilot may have started what runs later");
 }
 
 #[test]

@@ -7,8 +7,7 @@ use super::first_flight::FirstFlight;
 /// Requests that wait for the next tick. The supervision owns them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Requests {
-    /// Latest beginning of a flight that was requested for the next tick or not at all; `None` for one that waits. A daemon that was
-    /// suspended meanwhile must not take off: its operator was told that it did not.
+    /// Latest start of an armed flight; `None` if the request waits. Later the operator has been told that it did not begin.
     pub(super) begins_by: Option<Time>,
     /// State of the flight at start-up.
     pub(super) first_flight: FirstFlight,

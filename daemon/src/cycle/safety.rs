@@ -18,6 +18,9 @@ use crate::supervisor::{SafetyConditions, Supervisor};
 /// Gap after which the first good pose is accepted at once \[periods\]; after longer gaps several are needed.
 const SHORT_GAP_PERIODS: f64 = 6.0;
 
+/// Time from an accepted arm to the flight, shorter than an operator waits for it.
+const BEGINS_WITHIN: Span = Span::from_millis(500);
+
 /// The tick that the monitor evaluates.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SafetyTick<'a> {
@@ -29,7 +32,9 @@ pub(super) struct SafetyTick<'a> {
     pub(super) is_armed: bool,
     /// Whether the flight is held at its beginning until the motors run.
     pub(super) is_held: bool,
-    /// Whether an operator has requested a flight.
+    /// Whether the tick has a pose, and a flight is possible.
+    pub(super) is_ready: bool,
+    /// Whether an operator has requested a flight that begins with this tick.
     pub(super) is_requested: bool,
     /// The command that was sent in the last tick.
     pub(super) sent: &'a VehicleCommand,
@@ -71,9 +76,9 @@ impl SafetyMonitor {
         }
     }
 
-    /// Time without accepted poses in flight after which the motors stop.
-    pub(super) fn coast(&self) -> Span {
-        self.coast
+    /// Longest time from an accepted arm to the flight.
+    pub(super) fn begins_within(&self) -> Span {
+        self.coast.min(BEGINS_WITHIN)
     }
 
     /// The safety state.

@@ -136,19 +136,21 @@ impl FlightSupervision {
         self.course.begin_tick(now, &intake.estimate(), self.requests.law_fails);
         self.course.update_setpoint(now);
         self.obstacles = self.find_obstacles(now, intake);
-        let is_late = self.requests.begins_by.is_some_and(|at| now > at);
+        let is_waiting = self.mode == Mode::Waiting;
+        let is_late = is_waiting && self.requests.begins_by.is_some_and(|at| now > at);
         let is_ready = is_fresh && self.obstacles.is_empty() && !is_late;
         let tick = SafetyTick {
             now,
             is_fresh,
             is_armed: self.mode.is_armed(),
             is_held: self.is_held(intake),
+            is_ready,
             // A Stop lasts until a flight begins.
-            is_requested: self.mode == Mode::Waiting && is_ready,
+            is_requested: is_waiting && is_ready,
             sent,
         };
         let state = self.safety.step(&tick, intake, &mut self.requests, &mut self.course);
-        let conditions = ModeConditions { is_ready, ..self.advance_mission(&tick, state, intake) };
+        let conditions = self.advance_mission(&tick, state, intake);
         let mut restarts = self.is_held(intake);
         if let Some((mode, action)) = transition(self.mode, &conditions) {
             self.mode = mode;
@@ -184,7 +186,7 @@ impl FlightSupervision {
             is_blind: matches!(state, SafetyState::Coast | SafetyState::Stop),
             is_stopped,
             is_fresh,
-            is_ready: false,
+            is_ready: tick.is_ready,
             observes: self.observe_only,
             automatic: self.requests.begins_automatically(intake.vehicle().is_simulated()),
             now_or_never: self.requests.begins_by.is_some(),
@@ -231,8 +233,8 @@ impl FlightSupervision {
     /// Reasons against a flight; none in flight, and one alone while the daemon only observes.
     fn find_obstacles(&self, now: Time, intake: &Intake) -> ArmingObstacles {
         if self.mode.is_armed() || self.observe_only {
-            let none = ArmingObstacles::default();
-            return none.with(ArmingObstacle::ObservesOnly, self.observe_only);
+            return ArmingObstacles::default()
+                .with(ArmingObstacle::ObservesOnly, self.observe_only);
         }
         intake.obstacles(now, self.requests.configs_differ)
     }
@@ -343,7 +345,7 @@ impl FlightSupervision {
             return Err(Cause::WrongMode);
         }
         match self.find_obstacles(now, intake).iter().next() {
-            None => Ok(self.wait_for_flight(Some(now + self.safety.coast()))),
+            None => Ok(self.wait_for_flight(Some(now + self.safety.begins_within()))),
             Some(ArmingObstacle::NoPoses) => Err(intake.missing()),
             Some(ArmingObstacle::VehicleSilent) => Err(Cause::NoVehicle),
             Some(ArmingObstacle::Stopped) => Err(Cause::Operator),

@@ -4,7 +4,7 @@
 use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::statistics::median;
 use oqtal_control::trajectory::Phase;
@@ -172,10 +172,12 @@ fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
     let mut delays_s = Vec::new();
     for (FlightSample { telemetry, .. }, applied) in flight.samples_with_commands() {
         let stamps = applied.map(|command| command.stamps);
+        let onward = applied.map_or(Span::ZERO, |it| it.onward.wire + it.onward.air);
         let sent = stamps.map(|s| s.command_published_at).filter(|at| at.is_set());
         let sent_s = seconds(sent.unwrap_or(telemetry.time));
         if let Some(stamps) = stamps.filter(|stamps| stamps.applied_at.is_set()) {
-            delays_s.push(seconds(stamps.applied_at) - sent_s);
+            // Behind a bridge the stamp is that of the hand-over.
+            delays_s.push(seconds(stamps.applied_at + onward) - sent_s);
         }
         let sticks = Vector3::from(telemetry.sticks);
         let command = CommandRecord { sent_s, sticks, thrust: telemetry.thrust };
@@ -196,7 +198,6 @@ fn seconds(time: Time) -> f64 {
 mod tests {
     use super::*;
     use oqtal_bus::message::{Stamps, TelemetryV1};
-    use oqtal_bus::time::Span;
     use oqtal_config::Config;
     use oqtal_observe::flight::AppliedCommand;
     use oqtal_observe::latency::OnwardTime;
@@ -217,11 +218,11 @@ mod tests {
                 applied_at,
                 ..Default::default()
             };
-            let onward = OnwardTime::default();
+            let onward = OnwardTime { air: Span::from_millis(5), ..OnwardTime::default() };
             flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v: 11.0 });
         }
         let (commands, delay_s) = commands(&flight);
         assert_eq!(commands.len(), 200);
-        assert!((delay_s.unwrap() - 0.025).abs() < 1e-6, "{delay_s:?}");
+        assert!((delay_s.unwrap() - 0.030).abs() < 1e-6, "{delay_s:?}");
     }
 }

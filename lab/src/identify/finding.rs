@@ -109,8 +109,6 @@ pub mod rules {
     };
     /// Part of the delay that is missing in the stamps of the commands.
     pub const HIDDEN_DELAY: FindingRule = information("of it, not in stamps", "ms");
-    /// Key of that part: laws take the delay of commands from the stamps.
-    pub const HIDDEN_DELAY_KEY: &str = "plant.hidden-delay-ms";
     /// Time constant of the rate loop.
     pub const RATE_LAG: FindingRule =
         FindingRule { name: "rate lag", key: Some("vehicle.rate-lag-ms"), ..DELAY };

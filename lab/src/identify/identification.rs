@@ -246,29 +246,33 @@ impl Identification {
                 several => Setting::flag("identify", key, several.to_vec()),
             })
         };
-        let hidden = self.hidden_delay();
-        let hidden = hidden.map(|it| Setting::flag("identify", rules::HIDDEN_DELAY_KEY, it.value));
-        self.keys().into_iter().filter_map(setting).chain(hidden).collect()
+        self.keys().into_iter().filter_map(setting).chain(self.plant_delays()).collect()
     }
 
-    /// The part of the delay of commands that their stamps lack, if the flights determine that there is one.
-    pub fn hidden_delay(&self) -> Option<&ParameterFinding> {
-        let is_hidden = |it: &&ParameterFinding| {
-            it.name == rules::HIDDEN_DELAY.name && it.value > it.half_width
+    /// The delay of commands for a simulated vehicle, in the stamps and beyond, if the flights determine that their stamps lack a part.
+    pub fn plant_delays(&self) -> Vec<Setting> {
+        let finding = |rule: &FindingRule| self.findings.iter().find(|it| it.name == rule.name);
+        let (delay, hidden) = (finding(&rules::DELAY), finding(&rules::HIDDEN_DELAY));
+        let Some((delay, hidden)) = delay.filter(|it| it.is_shown()).zip(hidden) else {
+            return Vec::new();
         };
-        self.findings.iter().find(is_hidden)
+        if hidden.value <= hidden.half_width {
+            return Vec::new();
+        }
+        let set = |key, value| Setting::flag("identify", key, value);
+        vec![
+            set("plant.command-delay-ms", delay.value - hidden.value),
+            set("plant.hidden-delay-ms", hidden.value),
+        ]
     }
 
-    /// Values of a key, with the configured value for undetermined components; `None` if no component is determined. The delay of
-    /// commands is without its hidden part.
+    /// Values of a key, with the configured value for undetermined components; `None` if no component is determined.
     pub fn values(&self, key: &str) -> Option<Vec<f64>> {
-        let is_delay = rules::DELAY.key == Some(key);
-        let hidden_ms = self.hidden_delay().filter(|_| is_delay).map_or(0.0, |it| it.value);
         let findings = self.of_key(key);
         let is_any_shown = findings.iter().any(|finding| finding.is_shown());
         let value = |finding: &&ParameterFinding| match finding.before {
             Some(before) if !finding.is_shown() => before,
-            _ => finding.value - hidden_ms,
+            _ => finding.value,
         };
         is_any_shown.then(|| findings.iter().map(value).collect())
     }

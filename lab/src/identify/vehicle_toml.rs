@@ -1,10 +1,11 @@
 //! Findings as a configuration file, complete with the settings of the flight.
 
-use oqtal_config::{Config, Setting};
+use oqtal_config::{Config, Fidelity, Setting};
+use oqtal_observe::plot::unit::rounded;
 use toml::{Table, Value};
 
 use super::digits::with_interval;
-use super::finding::{ParameterFinding, rules};
+use super::finding::ParameterFinding;
 use super::identification::Identification;
 
 /// Column of the remarks \[characters\].
@@ -33,19 +34,23 @@ pub fn toml(identification: &Identification, config: &Config) -> String {
          # interval and the value before. All other keys have the value with which the vehicle flew, except those of\n\
          # this flight alone: [instance], [record], [plant], [clock], [log], and the kind and duration of the trajectory. Keys\n\
          # that are not here have the value of the preset. A simulated vehicle follows [vehicle]; to\n\
-         # simulate the vehicle of this flight, add its [plant], of which only the delay beyond the stamps is here.\n"
+         # simulate the vehicle of this flight, copy its [plant]: of that only the delay is here, if the stamps lack a part.\n"
     );
     let mut lines = configured(identification, config);
     for key in identification.keys() {
         let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
         lines.push((section.to_owned(), line(identification, key, name)));
     }
-    lines.extend(identification.hidden_delay().map(|hidden| {
-        let (_, name) = rules::HIDDEN_DELAY_KEY.split_once('.').unwrap_or_default();
-        let (value, half) = with_interval(hidden.value, hidden.half_width);
-        let remark = format!("± {half}; not in the stamps from which laws take the delay");
-        ("plant".to_owned(), commented(format!("{name} = {}", with_decimals(value)), &remark))
-    }));
+    // Rotors have a part of that delay in their own dynamics.
+    if config.plant.fidelity == Fidelity::Eq61 {
+        lines.extend(identification.plant_delays().into_iter().map(|setting| {
+            let name = setting.key.trim_start_matches("plant.").to_owned();
+            let value = with_decimals(rounded(setting.value.as_float().unwrap_or(0.0), 3));
+            let remark =
+                if name.starts_with("hidden") { "beyond the stamps" } else { "by the stamps" };
+            ("plant".to_owned(), commented(format!("{name} = {value}"), remark))
+        }));
+    }
     // The sort is stable: in a section the configured keys, with the preset first, are before the identified ones.
     lines.sort_by(|a, b| a.0.cmp(&b.0));
     let mut section = String::new();

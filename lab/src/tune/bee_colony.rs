@@ -62,8 +62,8 @@ impl Best {
 }
 
 impl BeeColony {
-    /// Guided colony that evaluates at most `budget` points in total, but at least 2, with Karaboga's limit: as many bees as are needed to try
-    /// every coordinate of every source.
+    /// Guided colony that evaluates at most `budget` points in total, but at least 2, with Karaboga's limit: as many bees as are needed
+    /// to try every coordinate of every source.
     pub fn within(budget: usize, dimensions: usize, seed: u64) -> Self {
         let sources = budget.clamp(2, 10);
         // A cycle may have a scout.
