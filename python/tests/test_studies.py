@@ -121,7 +121,11 @@ def test_names_of_laws_are_checked():
 
 
 def test_complete_settings_keep_their_order():
-    given = [("OQTAL_VEHICLE__MASS_KG", "vehicle.mass-kg", 0.6), ("config", "vehicle.mass-kg", 0.5), ("config", "vehicle.max-thrust-n", 20.0)]
+    given = [
+        ("OQTAL_VEHICLE__MASS_KG", "vehicle.mass-kg", 0.6),
+        ("config", "vehicle.mass-kg", 0.5),
+        ("config", "vehicle.max-thrust-n", 20.0),
+    ]
     [(_, settings)] = oqtal._native.resolved((None, given), ["pid"], "configured")
     assert settings[: len(given)] == given
 
