@@ -13,7 +13,6 @@ pub struct BlindDescent {
     longest: Option<Span>,
     /// Thrust over that of a hover \[-\].
     thrust: f64,
-    mass_kg: f64,
     gravity_m_s2: f64,
 }
 
@@ -25,7 +24,6 @@ impl BlindDescent {
         Self {
             longest: vehicle.interface.holds_attitude().then_some(longest),
             thrust: safety.descend_thrust,
-            mass_kg: vehicle.mass_kg,
             gravity_m_s2: vehicle.gravity_m_s2,
         }
     }
@@ -35,12 +33,12 @@ impl BlindDescent {
         self.longest.is_some_and(|longest| age <= longest)
     }
 
-    /// The thrust of the descent \[N\] under the estimated external acceleration upward `lift` \[m/s^2\]: wind, or a thrust or
-    /// mass other than configured.
-    pub fn thrust_n(&self, lift: f64) -> f64 {
+    /// The thrust of the descent \[N\] of a vehicle of the mass that the tracker has adapted to, by the model of its thrust, under the
+    /// estimated external acceleration upward `lift` \[m/s^2\]: wind, or a thrust or mass that is not in the mass yet.
+    pub fn thrust_n(&self, mass_kg: f64, lift: f64) -> f64 {
         let greatest = LARGEST_CORRECTION * self.gravity_m_s2;
         let known = if lift.is_finite() { lift.clamp(-greatest, greatest) } else { 0.0 };
-        self.thrust * self.mass_kg * (self.gravity_m_s2 - known)
+        self.thrust * mass_kg * (self.gravity_m_s2 - known)
     }
 }
 
@@ -51,8 +49,7 @@ mod tests {
     #[test]
     fn the_thrust_of_a_descent_is_below_hover_for_any_estimate() {
         let descent = BlindDescent::of(&Config::default());
-        let weight_n = descent.mass_kg * descent.gravity_m_s2;
-        let share = |lift| descent.thrust_n(lift) / weight_n;
+        let share = |lift| descent.thrust_n(0.5, lift) / (0.5 * descent.gravity_m_s2);
         assert!((share(0.0) - 0.9).abs() < 1e-12);
         assert!((share(0.1 * descent.gravity_m_s2) - 0.81).abs() < 1e-12);
         assert!((share(f64::NAN) - 0.9).abs() < 1e-12);

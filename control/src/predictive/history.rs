@@ -214,7 +214,8 @@ impl CommandHistory {
     }
 
     /// Expected input in effect at `t_s` \[s\] and the end of its effect \[s\]; demand and attitude are corrected by
-    /// [`Self::effect`], thrust is as reported; zero before the first command.
+    /// [`Self::effect`], thrust is as reported; zero before the first command, and the oldest of those kept where older
+    /// ones were dropped.
     pub(super) fn acting(&self, t_s: f64) -> (ModelInput, f64) {
         let CommandEffect { delay_s, gain } = self.effect;
         let (turning, turning_until_s) = self.reported(t_s, delay_s);
@@ -236,7 +237,9 @@ impl CommandHistory {
             }
             acts
         });
-        let Some(acting) = acting else { return (ModelInput::default(), until_s) };
+        let Some(acting) = acting.or_else(|| self.sent.oldest_if_full()) else {
+            return (ModelInput::default(), until_s);
+        };
         let (mut input, mut loss) = (acting.input, acting.loss);
         for older in commands {
             if loss <= 0.0 {

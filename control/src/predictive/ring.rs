@@ -1,6 +1,6 @@
 //! A ring buffer of fixed size.
 
-/// Capacity \[-\]: one second at 60 Hz, and at 1 kHz still more than any delay in use.
+/// Capacity \[-\]: one second at 60 Hz.
 const KEPT: usize = 64;
 
 /// Ring buffer of the newest items.
@@ -26,6 +26,11 @@ impl<T: Copy> Ring<T> {
     /// The items, newest first.
     pub fn newest_first(&self) -> impl Iterator<Item = &T> {
         (1..=KEPT).map_while(|back| self.items[self.index(back)].as_ref())
+    }
+
+    /// The oldest item of a full buffer, which may have dropped older ones.
+    pub fn oldest_if_full(&self) -> Option<&T> {
+        self.items[self.index(KEPT)].as_ref()
     }
 
     /// The item that was added `back` items ago \[-\]; 1 for the newest.

@@ -38,7 +38,8 @@ impl Trajectory {
         let mut reference = self.course(t_s.min(duration_s).max(0.0));
         if t_s >= duration_s {
             // At rest from here on, whatever the derivatives at the end of the curve.
-            [reference.acceleration, reference.jerk, reference.snap] = [Vector3::zeros(); 3];
+            [reference.velocity, reference.acceleration] = [Vector3::zeros(); 2];
+            [reference.jerk, reference.snap] = [Vector3::zeros(); 2];
             (reference.yaw_rate_rad_s, reference.yaw_acceleration_rad_s2) = (0.0, 0.0);
         }
         reference

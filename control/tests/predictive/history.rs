@@ -198,3 +198,15 @@ proptest! {
         prop_assert!((fine.rate - coarse.rate).norm() < 0.05);
     }
 }
+
+/// At high rates fewer commands are kept than act within a pause of the cameras.
+#[test]
+fn before_the_commands_that_are_kept_the_oldest_of_them_is_assumed() {
+    let mut history = CommandHistory::new(DELAY_S);
+    history.push(1, 1e-3, thrust(2.0));
+    assert!(thrust_at(&history, 1e-3).abs() < 1e-9, "nothing acts before the first command");
+    for sequence in 2..=200 {
+        history.push(sequence, sequence as f64 * 1e-3, thrust(2.0));
+    }
+    assert!((thrust_at(&history, 0.05) - 2.0).abs() < 1e-5);
+}

@@ -43,7 +43,7 @@ impl VehicleRates {
         let (last_s, last_rate, angle) = *self.back(1);
         let dt_s = t_s - last_s;
         // Comparisons with NaN are false.
-        if !(dt_s > 0.0 && t_s.is_finite() && rate.amax() < 100.0) {
+        if !(dt_s > 0.0 && t_s.is_finite() && rate.iter().all(|axis| axis.abs() < 100.0)) {
             return;
         }
         let follows = dt_s <= LONGEST_S;

@@ -180,9 +180,11 @@ impl FlightControl {
             (Directive::Disarm, _) => VehicleCommand::Disarmed,
             (Directive::Idle, _) => VehicleCommand::idle(self.interface, heading()),
             (Directive::Descend, _) => {
-                let track = intake.tracker().predict_coarsely(seconds(now));
+                let tracker = intake.tracker();
+                let track = tracker.predict_coarsely(seconds(now));
                 let lift = track.map_or(0.0, |track| track.bias().acceleration.z);
-                VehicleCommand::level(self.interface, heading(), self.descent.thrust_n(lift))
+                let thrust_n = self.descent.thrust_n(tracker.model().mass_kg, lift);
+                VehicleCommand::level(self.interface, heading(), thrust_n)
             }
             (Directive::Fly { overdue_s, .. }, Some(output)) => {
                 with_reduced_thrust(output.command.finite_or_disarmed(), *overdue_s)

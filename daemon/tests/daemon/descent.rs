@@ -50,6 +50,26 @@ fn f48_a_blind_vehicle_is_level_and_sinks_to_the_floor_and_its_motors_stop() {
     }
 }
 
+/// What the adaptation has found is in its model, no longer in the estimated acceleration.
+#[test]
+fn f48_a_vehicle_of_another_thrust_sinks_once_it_has_been_adapted_to() {
+    for (lift, law) in [0.75, 1.3].into_iter().flat_map(|lift| LAWS.map(|law| (lift, law))) {
+        let law_set = set(&format!("control.controller={law:?}"));
+        let settings =
+            [law_set, set("control.stack=\"predictive\""), set("trajectory.settle-s=60")];
+        let mut flight = hovering(&settings);
+        flight.lift = lift;
+        flight.run(1500);
+        blind_until(&mut flight, SafetyState::Descend);
+        while flight.state() == SafetyState::Descend {
+            let up_m_s = flight.motion.velocity.z;
+            assert!((-2.0..0.2).contains(&up_m_s), "{law}, {lift}: {up_m_s} m/s");
+            flight.frame(|_| None);
+        }
+        assert!(flight.motion.position.z < 0.15, "{law}, {lift}: {:?}", flight.motion.position);
+    }
+}
+
 #[test]
 fn f48_a_descent_ends_after_any_prediction() {
     let mut flight = hovering(&[set("safety.descend-ms=700")]);
