@@ -1,7 +1,7 @@
 //! Connection to OptiTrack Motive by NatNet: a socket for commands, and frames on it or from a multicast group.
 
 use std::io;
-use std::net::{IpAddr, Ipv4Addr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
 
 use oqtal_bus::time::{Span, Time};
@@ -33,9 +33,9 @@ const MAX_READS: usize = 64;
 pub struct NatnetConnection {
     client: NatNetClient,
     commands: UdpSocket,
-    /// Frames of a multicast group; those of a unicast server come to `commands`.
+    /// Frames of a multicast group; those of a unicast server come to `commands`, from another port than its answers.
     frames: Option<UdpSocket>,
-    server: IpAddr,
+    server: SocketAddr,
     clock_hz: u64,
     routes: RouteTable,
     definitions: DefinitionSlot,
@@ -91,7 +91,7 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
         }
         None if delivery == NatnetDelivery::Announced => {
             // A unicast server: its frames must be requested.
-            connection.client = NatNetClient::new(true);
+            connection = NatnetConnection::open(attempt, true)?;
             info = connection.shake_hands(attempt)?;
         }
         None => {}
@@ -115,7 +115,10 @@ impl NatnetConnection {
         let any = if attempt.address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
         let open = || {
             let socket = UdpSocket::bind(any)?;
-            socket.connect(attempt.address)?;
+            if !unicast {
+                // The address of the socket is then that of the interface for the group.
+                socket.connect(attempt.address)?;
+            }
             socket.set_read_timeout(Some(Span::from_millis(20).to_duration()))?;
             Ok(socket)
         };
@@ -125,7 +128,7 @@ impl NatnetConnection {
             client: NatNetClient::new(unicast),
             commands: open().map_err(|error: io::Error| attempt.refused(&error))?,
             frames: None,
-            server: attempt.address.ip(),
+            server: attempt.address,
             clock_hz: 1,
             definitions: DefinitionSlot::new(format, &routes),
             routes,
@@ -163,10 +166,11 @@ impl NatnetConnection {
         while !attempt.is_over() {
             if let Some(datagram) = self.client.poll_output(Time::now().nanos()) {
                 // Send errors are ignored; the request is repeated.
-                let _ = self.commands.send(datagram);
+                let _ = self.commands.send_to(datagram, self.server);
             }
-            let count = match self.commands.recv(&mut self.buffer) {
-                Ok(count) => count,
+            let count = match self.commands.recv_from(&mut self.buffer) {
+                Ok((count, from)) if from.ip() == self.server.ip() => count,
+                Ok(_) => continue,
                 Err(error) if is_final(&error) => return Err(attempt.refused(&error)),
                 Err(_) => continue,
             };
@@ -209,7 +213,7 @@ impl NatnetConnection {
         let Some(socket) = socket else { return Ok(()) };
         let mut changed = false;
         for _ in 0..MAX_READS {
-            let bytes = receive_some(socket, *server, buffer)?;
+            let bytes = receive_some(socket, server.ip(), buffer)?;
             if bytes == 0 {
                 break;
             }
@@ -257,7 +261,7 @@ impl CameraStream for NatnetConnection {
         }
         if let Some(datagram) = self.client.poll_output(now.nanos()) {
             // Send errors are ignored; silence ends the connection.
-            let _ = self.commands.send(datagram);
+            let _ = self.commands.send_to(datagram, self.server);
         }
         Ok(())
     }

@@ -170,8 +170,10 @@ impl CameraStream for VrpnConnection {
     fn maintain(&mut self, now: Time) -> io::Result<()> {
         if now >= self.ping_at {
             self.ping_at = now + PING_PERIOD;
-            if let Some(name) = self.routes.wanted().first() {
-                self.client.ping(name);
+            // A server makes a tracker of any name that it is asked for.
+            let wanted = self.routes.wanted();
+            if let Some(route) = (0..wanted.len()).find(|route| self.routes.has(*route)) {
+                self.client.ping(&wanted[route]);
             }
         }
         let Self { client, socket, .. } = self;

@@ -1,8 +1,8 @@
-//! OptiTrack's NatNet, versions 3.0 to 4.x, of Motive.
+//! OptiTrack's NatNet, versions 3.0 to 4.4, of Motive.
 //!
 //! | address | use |
 //! |---|---|
-//! | UDP 1510 | requests of clients and their answers; frames to unicast clients come from here too |
+//! | UDP 1510 | requests of clients and their answers; frames to unicast clients come from another port of the server |
 //! | UDP 1511 on 239.255.42.99 | frames by multicast |
 //!
 //! A message is its number (u16), the length of its content (u16) and the content, little endian. A client sends *connect* and gets

@@ -84,18 +84,20 @@ fn requests_are_repeated_until_they_are_answered() {
 
 #[test]
 fn a_version_that_is_not_spoken_is_named() {
-    let info = ServerInfo {
-        name: "old".to_owned(),
-        app_version: [1, 0, 0, 0],
-        version: NatNetVersion::new(2, 10),
-        clock_hz: 1,
-        data_port: 1511,
-        multicast: None,
-    };
-    let mut datagram = Vec::new();
-    info.write(&mut datagram);
-    let error = NatNetClient::new(false).receive(&datagram).unwrap_err();
-    assert_eq!(error, NatNetClientError::Version(info.version));
+    for version in [NatNetVersion::new(2, 10), NatNetVersion::new(4, 5)] {
+        let info = ServerInfo {
+            name: "other".to_owned(),
+            app_version: [1, 0, 0, 0],
+            version,
+            clock_hz: 1,
+            data_port: 1511,
+            multicast: None,
+        };
+        let mut datagram = Vec::new();
+        info.write(&mut datagram);
+        let error = NatNetClient::new(false).receive(&datagram).unwrap_err();
+        assert_eq!(error, NatNetClientError::Version(version));
+    }
 }
 
 #[test]
@@ -135,4 +137,25 @@ proptest! {
             }
         }
     }
+}
+
+/// Motive 3.1 was seen to ignore requests for the definitions that do not name their types.
+#[test]
+fn a_request_for_the_bodies_that_is_not_answered_names_their_type() {
+    let server = NatNetServerOptions { bodies: bodies(1), ..NatNetServerOptions::default() };
+    let (mut client, mut server) = (NatNetClient::new(true), NatNetServer::new(server));
+    let mut exchange = |client: &mut NatNetClient, now_ns: u64| {
+        let request = client.poll_output(now_ns).unwrap().to_vec();
+        let mut answer = Vec::new();
+        server.receive(&request, address(), now_ns, &mut answer);
+        (request[4..].to_vec(), answer)
+    };
+    let (_, info) = exchange(&mut client, 0);
+    client.receive(&info).unwrap();
+    assert_eq!(exchange(&mut client, 1).0, [0_u8; 0]);
+    let (types, models) = exchange(&mut client, 1_000_000_000);
+    assert_eq!(types, [2, 0, 0, 0]);
+    client.receive(&models).unwrap();
+    client.request_models();
+    assert_eq!(exchange(&mut client, 2_000_000_000).0, [2, 0, 0, 0], "what was answered is kept");
 }

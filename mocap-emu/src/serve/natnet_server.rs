@@ -24,7 +24,10 @@ pub struct NatNetSettings {
 /// The NatNet server.
 #[derive(Debug)]
 pub struct NatNetSocket {
+    /// Requests and their answers.
     socket: UdpSocket,
+    /// Frames: as from Motive, from another port than the answers.
+    frames: UdpSocket,
     server: NatNetServer,
     group: Option<SocketAddr>,
     clients: Vec<SocketAddr>,
@@ -43,7 +46,8 @@ impl NatNetSocket {
         let socket = datagrams("natnet", SocketAddr::new(ip, port))?;
         let port = socket.local_addr().map_or(port, |address| address.port());
         let data_port = port.saturating_add(1);
-        // The socket is bound to the served address, so frames leave by its interface.
+        let frames = datagrams("natnet", SocketAddr::new(ip, 0))?;
+        // Both sockets are bound to the served address, so frames leave by its interface.
         let group = settings.multicast.map(|group| SocketAddr::from((group, data_port)));
         let options = NatNetServerOptions {
             version: settings.version,
@@ -54,6 +58,7 @@ impl NatNetSocket {
         };
         Ok(Self {
             socket,
+            frames,
             server: NatNetServer::new(options),
             group,
             clients: Vec::new(),
@@ -98,7 +103,7 @@ impl FrameServer for NatNetSocket {
             self.answer.clear();
             self.server.write_frame(frame, client, &mut self.answer);
             // A datagram that does not fit into the send buffer is lost, as on any network.
-            let _ = self.socket.send_to(&self.answer, to);
+            let _ = self.frames.send_to(&self.answer, to);
         }
     }
 

@@ -36,7 +36,7 @@ pub enum NatNetClientError {
     #[error(transparent)]
     Datagram(#[from] NatNetError),
     /// Server that is too old or too new.
-    #[error("the server uses NatNet {0}, expected 3.0 to 4.x")]
+    #[error("the server uses NatNet {0}, expected 3.0 to 4.4")]
     Version(NatNetVersion),
 }
 
@@ -52,8 +52,15 @@ pub struct NatNetClient {
     stage: NatNetStage,
     /// Next time at which a datagram is due \[ns\].
     due_ns: u64,
+    /// Whether the last request for the definitions is not answered yet.
+    awaits_models: bool,
+    /// Whether requests for the definitions name their types.
+    names_types: bool,
     output: Vec<u8>,
 }
+
+/// Type of the rigid bodies, in a request for definitions.
+const RIGID_BODIES: u32 = 1 << 1;
 
 /// Interval between requests that are repeated, and between keep-alive messages \[ns\].
 const INTERVAL_NS: u64 = 500_000_000;
@@ -62,7 +69,15 @@ impl NatNetClient {
     /// Client at the beginning; `unicast` asks for frames at the address of the command socket.
     pub fn new(unicast: bool) -> Self {
         let output = Vec::with_capacity(OUTPUT_BYTES);
-        Self { unicast, info: None, stage: NatNetStage::Connecting, due_ns: 0, output }
+        Self {
+            unicast,
+            info: None,
+            stage: NatNetStage::Connecting,
+            due_ns: 0,
+            awaits_models: false,
+            names_types: false,
+            output,
+        }
     }
 
     /// Next message that the client waits for.
@@ -88,7 +103,7 @@ impl NatNetClient {
         if now_ns < self.due_ns {
             return None;
         }
-        let Self { stage, unicast, output: out, .. } = self;
+        let Self { stage, unicast, awaits_models, names_types, output: out, .. } = self;
         out.clear();
         match stage {
             NatNetStage::Connecting => {
@@ -96,7 +111,15 @@ impl NatNetClient {
                     writer.text("Ping");
                 });
             }
-            NatNetStage::Models => write_content(out, MessageId::RequestModels, |_| ()),
+            NatNetStage::Models => {
+                // Motive 3.1 was seen to answer only requests with a mask of types, other versions answer empty ones.
+                *names_types ^= std::mem::replace(awaits_models, true);
+                write_content(out, MessageId::RequestModels, |writer| {
+                    if *names_types {
+                        writer.u32(RIGID_BODIES);
+                    }
+                });
+            }
             NatNetStage::Streaming if *unicast => {
                 write_content(out, MessageId::KeepAlive, |_| ());
             }
@@ -131,7 +154,7 @@ impl NatNetClient {
             }
             (MessageId::Models, Some(info)) => {
                 self.stage = NatNetStage::Streaming;
-                self.due_ns = 0;
+                (self.due_ns, self.awaits_models) = (0, false);
                 Ok(NatNetEvent::Models(message.content, info.version))
             }
             (MessageId::Frame, Some(info)) => {

@@ -17,6 +17,8 @@ pub struct NatNetVersion {
 impl NatNetVersion {
     /// Oldest supported version.
     pub const OLDEST: Self = Self::new(3, 0);
+    /// Newest supported version: later ones have further sections in a frame, before its times.
+    pub const NEWEST: Self = Self::new(4, 4);
     /// First version with names of markers in the models.
     pub const MARKER_NAMES: Self = Self::new(4, 0);
     /// First version in which every section of a frame states its length.
@@ -31,7 +33,7 @@ impl NatNetVersion {
 
     /// Whether the version is supported.
     pub fn is_supported(self) -> bool {
-        self >= Self::OLDEST && self.major <= 4
+        (Self::OLDEST..=Self::NEWEST).contains(&self)
     }
 }
 
