@@ -50,7 +50,7 @@ fn f48_a_blind_vehicle_is_level_and_sinks_to_the_floor_and_its_motors_stop() {
     }
 }
 
-/// What the adaptation has found is in its model, no longer in the estimated acceleration.
+/// The adaptation moves the correction from the estimated acceleration into the model.
 #[test]
 fn f48_a_vehicle_of_another_thrust_sinks_once_it_has_been_adapted_to() {
     for (lift, law) in [0.75, 1.3].into_iter().flat_map(|lift| LAWS.map(|law| (lift, law))) {
