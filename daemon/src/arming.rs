@@ -134,7 +134,7 @@ impl ArmingCheck {
             .with(O::EstimatorNotReady, lost)
             .with(O::NoTimeOut, real && !acts && is_set_up)
             .with(O::NotSetUp, !is_set_up)
-            .with(O::MotorsStopping, view.vehicle.is_some_and(are_being_stopped))
+            .with(O::MotorsStopping, view.vehicle.is_some_and(VehicleV1::is_being_stopped))
             .with(O::Locked, refuses(VehicleRefusal::Locked))
             .with(O::NoPoses, !view.poses_good || view.last.is_none())
             .with(O::VehicleSilent, view.vehicle.is_none())
@@ -177,9 +177,4 @@ impl ArmingCheck {
         let ArmingPath { points, stops } = &self.path;
         !(points.iter().all(is_inside) && stops.iter().all(stops_inside))
     }
-}
-
-/// Whether the bridge is stopping the motors after a flight: they would not follow the next one.
-fn are_being_stopped(vehicle: &VehicleV1) -> bool {
-    vehicle.armed != 0 && vehicle.starting != 0
 }

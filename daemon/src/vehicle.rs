@@ -64,8 +64,7 @@ impl VehicleWatch {
         if vehicle.armed != 0 && vehicle.starting == 0 {
             self.ran_at = Some(now);
         }
-        let is_starting = vehicle.starting != 0 && vehicle.armed == 0;
-        if is_starting && !self.were_starting {
+        if vehicle.is_starting() && !self.were_starting {
             (self.were_starting, self.awaited_since) = (true, Some(now));
         }
     }

@@ -153,6 +153,8 @@ pub struct VehicleStatus {
     /// Whether the motors run; `None` if a real vehicle is silent, whose bridge reports none.
     armed: Option<bool>,
     starting: bool,
+    #[serde(skip)]
+    is_being_stopped: bool,
     stopped: bool,
     battery_v: Option<f64>,
     link_quality: Option<f64>,
@@ -185,19 +187,19 @@ impl VehicleStatus {
     pub fn new(vehicle: &VehicleV1) -> Self {
         let known = |number: f64| number.is_finite().then_some(number);
         let control = ControlHolder::from_code(vehicle.control);
-        let is_reported =
-            |holder: &ControlHolder| *holder != ControlHolder::Nobody || vehicle.armed == 0;
+        let is_told = |it: &ControlHolder| *it != ControlHolder::Nobody || vehicle.armed == 0;
         let is_known = vehicle.link != 0 || vehicle.armed != 0 || vehicle.simulated != 0;
         Self {
             simulated: vehicle.simulated != 0,
             link: vehicle.link != 0,
             armed: is_known.then_some(vehicle.armed != 0),
-            starting: vehicle.starting != 0 && vehicle.armed == 0,
+            starting: vehicle.is_starting(),
+            is_being_stopped: vehicle.is_being_stopped(),
             stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),
             time_out_s: known((vehicle.time_out_s * 1e3).round() * 1e-3).filter(|s| *s > 0.0),
-            control: control.filter(is_reported).map(|holder| holder.to_string()),
+            control: control.filter(is_told).map(|holder| holder.to_string()),
             refusal: word(VehicleRefusal::from_code(vehicle.refusal)),
             estimator: word(EstimatorState::from_code(vehicle.estimator)),
             estimate_m: Some(vehicle.estimate_position)
@@ -212,7 +214,7 @@ impl fmt::Display for VehicleStatus {
         let kind = if self.simulated { "simulated" } else { "real" };
         let link = if self.link { "answers" } else { "silent" };
         let motors = match (self.starting, self.armed) {
-            (true, Some(true)) => "motors being stopped",
+            _ if self.is_being_stopped => "motors being stopped",
             (true, _) => "motors starting",
             (false, Some(true)) => "motors running",
             (false, Some(false)) => "motors off",

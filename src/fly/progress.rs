@@ -114,8 +114,8 @@ fn vehicle(vehicle: &VehicleV1) -> String {
         vehicle if vehicle.control == ControlHolder::Another.code() => {
             return ", another has control".to_owned();
         }
-        VehicleV1 { starting: 1, armed: 1, .. } => ", motors being stopped",
-        VehicleV1 { starting: 1, .. } => ", motors starting",
+        vehicle if vehicle.is_being_stopped() => ", motors being stopped",
+        vehicle if vehicle.is_starting() => ", motors starting",
         VehicleV1 { armed: 1, .. } => "",
         _ => ", motors off",
     };

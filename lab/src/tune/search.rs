@@ -126,12 +126,7 @@ impl TrainingFlights {
         starts
     }
 
-    pub(super) fn fly(
-        &self,
-        law: &StudyLaw,
-        case: &Case,
-        progress: &Progress,
-    ) -> Result<Flown, Failure> {
+    fn fly(&self, law: &StudyLaw, case: &Case, progress: &Progress) -> Result<Flown, Failure> {
         let (laws, cases) = (slice::from_ref(law), slice::from_ref(case));
         let mut flown = Study { name: "training", laws, cases }.fly_without_bar(progress)?;
         Ok(flown.pop().expect("one law flew one case"))
