@@ -91,9 +91,10 @@ impl DefinitionSlot {
         Self { spare: Some(Box::new(spare)), received: false, missed: false }
     }
 
-    /// Keeps definitions. Of those that come before any were taken, the last are kept.
+    /// Keeps definitions, unless they are the last ones again. Of those that come before any were taken, the last are kept.
     pub fn receive(&mut self, bytes: &[u8]) {
         match &mut self.spare {
+            Some(spare) if spare.bytes == bytes => {}
             Some(spare) if bytes.len() <= spare.bytes.capacity() => {
                 spare.bytes.clear();
                 spare.bytes.extend_from_slice(bytes);

@@ -26,6 +26,8 @@ const BIG_ENDIAN_PORT: u16 = 22224;
 const BUFFER: usize = 65_536;
 /// Time between two requests for parameters that do not agree with the frames.
 const REQUEST_PERIOD: Span = Span::from_millis(500);
+/// Time between two requests for parameters that agree with them: a body can be renamed, or take the place of another.
+const CHECK_PERIOD: Span = Span::from_millis(2000);
 /// Most reads of one turn \[-\].
 const MAX_READS: usize = 64;
 
@@ -48,8 +50,10 @@ pub struct QtmConnection {
 #[derive(Clone, Copy, Debug)]
 struct BodyAgreement {
     holds: bool,
-    /// Instant from which parameters may be requested again.
+    /// Instant from which parameters may be requested again while it does not hold.
     next_request: Time,
+    /// Instant at which parameters are requested while it holds.
+    next_check: Time,
 }
 
 /// Connects, agrees on a version, reads the names of the bodies and asks for frames.
@@ -104,7 +108,8 @@ impl QtmConnection {
         let routes = attempt.routes();
         let definitions = DefinitionSlot::new(DefinitionFormat::Qtm, &routes);
         let (server, buffer) = (attempt.address.ip(), vec![0; BUFFER]);
-        let agreement = BodyAgreement { holds: true, next_request: Time::UNSET };
+        let next_check = Time::now() + CHECK_PERIOD;
+        let agreement = BodyAgreement { holds: true, next_request: Time::UNSET, next_check };
         Ok(Self { client, control, frames, order, routes, definitions, agreement, server, buffer })
     }
 
@@ -231,8 +236,9 @@ impl CameraStream for QtmConnection {
 
     fn maintain(&mut self, now: Time) -> io::Result<()> {
         let Self { client, control, agreement, .. } = self;
-        if !agreement.holds && now >= agreement.next_request {
+        if now >= if agreement.holds { agreement.next_check } else { agreement.next_request } {
             agreement.next_request = now + REQUEST_PERIOD;
+            agreement.next_check = now + CHECK_PERIOD;
             client.request_parameters();
         }
         client.flush(|output| write_all(control, output))

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
 use std::thread::JoinHandle;
 
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_receiver::{CameraStream, ConnectError, PoseReceiver, connect_to_all};
 use oqtal_wire::ByteOrder;
@@ -61,6 +61,15 @@ fn receive(
     }
 }
 
+/// Whether definitions have arrived; they are read and applied.
+fn applies_definitions(stream: &mut dyn CameraStream) -> bool {
+    stream.take_definitions().is_some_and(|mut definitions| {
+        let _ = definitions.read();
+        stream.apply_definitions(definitions);
+        true
+    })
+}
+
 fn receiver() -> PoseReceiver {
     PoseReceiver::new(&Config::default().receiver, 1)
 }
@@ -94,14 +103,7 @@ fn a_list_of_bodies_that_is_rubbish_or_never_ends_changes_no_route_for_long() {
     ];
     for (list, has) in lists {
         let (mut stream, _server) = connected("", xml(&list));
-        let taken = |stream: &mut dyn CameraStream, _: &PoseReceiver| {
-            stream.take_definitions().is_some_and(|mut definitions| {
-                let _ = definitions.read();
-                stream.apply_definitions(definitions);
-                true
-            })
-        };
-        receive(&mut *stream, &mut receiver(), taken).unwrap();
+        receive(&mut *stream, &mut receiver(), |stream, _| applies_definitions(stream)).unwrap();
         assert_eq!(stream.has(0), has, "{}", &list[..20]);
     }
 }
@@ -159,6 +161,18 @@ fn f54_a_frame_with_more_or_fewer_bodies_than_defined_is_dropped_and_the_names_a
         let asks = String::from_utf8_lossy(&request[..count]).contains("GetParameters");
         assert_eq!(asks, !is_ours, "{} bodies", bodies.len());
     }
+}
+
+#[test]
+fn f54_names_are_asked_for_every_2_s_and_a_renamed_body_is_not_there() {
+    let (mut stream, mut server) = connected(",transport=tcp", Vec::new());
+    stream.maintain(Time::now() + Span::from_millis(3000)).unwrap();
+    let mut request = [0; 1000];
+    let count = server.read(&mut request).unwrap();
+    assert!(String::from_utf8_lossy(&request[..count]).contains("GetParameters"));
+    server.write_all(&xml("<A><The_6D><Body><Name>x</Name></Body></The_6D></A>")).unwrap();
+    receive(&mut *stream, &mut receiver(), |stream, _| applies_definitions(stream)).unwrap();
+    assert!(!stream.has(0));
 }
 
 #[test]

@@ -220,6 +220,22 @@ fn a_signed_packet_is_longer_by_its_signature_and_is_read() {
     }
 }
 
+#[test]
+fn an_encoder_that_continues_behind_another_one_never_stamps_earlier_than_before() {
+    let encoder = |unix_us| {
+        let mut encoder = MavlinkEncoder::new(OWN);
+        encoder.sign(key("0f"), unix_us);
+        encoder
+    };
+    let (mut early, mut late) = (encoder(NOW_US), encoder(NOW_US + MINUTE_US));
+    late.encode(&MavlinkContent::Battery(11.1)).unwrap();
+    let [first, second] = [early.position(), late.position()];
+    late.continue_at(first);
+    assert_eq!(late.position(), (first.0, second.1));
+    early.continue_at(second);
+    assert_eq!(early.position(), second);
+}
+
 /// Unix time of these tests, and a minute \[us\].
 const NOW_US: u64 = 1_800_000_000_000_000;
 const MINUTE_US: u64 = 60_000_000;

@@ -51,6 +51,19 @@ fn connected(
 }
 
 #[test]
+fn an_echo_has_the_time_of_the_client_and_that_of_the_server() {
+    let mut server = NatNetServer::new(NatNetServerOptions::default());
+    let mut answer = Vec::new();
+    let request = [&[12, 0, 8, 0][..], &0x0102_0304_u64.to_le_bytes()].concat();
+    server.receive(&request, address(), 5_000, &mut answer);
+    let stamps = [0x0102_0304_u64, 50].map(u64::to_le_bytes).concat();
+    assert_eq!(answer, [&[13, 0, 16, 0][..], &stamps].concat());
+    answer.clear();
+    server.receive(&[12, 0, 1, 0, 7], address(), 5_000, &mut answer);
+    assert!(answer.is_empty());
+}
+
+#[test]
 fn a_client_learns_the_bodies_in_every_version() {
     for version in VERSIONS {
         let options =

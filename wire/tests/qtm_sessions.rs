@@ -96,6 +96,18 @@ fn a_client_names_the_bodies_and_asks_for_the_stream() {
 }
 
 #[test]
+fn names_are_asked_for_again_without_a_new_stream() {
+    let mut server = Server::new(ByteOrder::Little);
+    let mut client = QtmClient::new(QtmClientOptions::default());
+    converse(&mut client, &mut server).unwrap();
+    client.request_parameters();
+    server.receive(&client.take_output(), None);
+    client.receive(&std::mem::take(&mut server.sent));
+    assert!(matches!(client.poll(), Ok(Some(QtmClientEvent::Parameters(_)))));
+    assert!(client.take_output().is_empty(), "the stream was requested again");
+}
+
+#[test]
 fn a_client_asks_for_older_versions_until_one_is_spoken() {
     let mut server = Server::new(ByteOrder::Little);
     let newest = QtmVersion::new(1, 31);

@@ -74,11 +74,12 @@ impl MavlinkEncoder {
         (self.sequence, self.signer.as_ref().map_or(0, Signer::stamp))
     }
 
-    /// Continues behind the packets of another encoder of this sender, which has reached this [`Self::position`].
+    /// Continues behind the packets of another encoder of this sender, which has reached this [`Self::position`]. The stamp never falls:
+    /// this encoder may have followed later stamps of received packets.
     pub fn continue_at(&mut self, (sequence, stamp): (u8, u64)) {
         self.sequence = sequence;
         if let Some(signer) = &mut self.signer {
-            signer.set_stamp(stamp);
+            signer.raise_stamp(stamp);
         }
     }
 

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 
 use super::address::MavlinkAddress;
 use super::packet_bytes::MavlinkWire;
-use crate::hex::from_hex;
+use crate::hex::{from_hex, to_hex};
 
 /// Length of a signature, with the number of its link and its stamp \[bytes\].
 pub(super) const SIGNATURE: usize = 13;
@@ -34,6 +34,11 @@ impl SigningKey {
     /// Key of 64 hexadecimal digits; `None` for anything else.
     pub fn from_hex(text: &str) -> Option<Self> {
         from_hex(text.as_bytes()).map(Self)
+    }
+
+    /// Text that differs for different keys and does not reveal the key.
+    pub fn fingerprint(&self) -> String {
+        to_hex(&self.signature_of(b"fingerprint"))
     }
 
     /// Signature of `bytes`: a packet up to the stamp of its signature.
@@ -83,9 +88,9 @@ impl Signer {
         self.stamp
     }
 
-    /// Sets the stamp of the next packet.
-    pub(super) fn set_stamp(&mut self, stamp: u64) {
-        self.stamp = stamp;
+    /// Makes the stamp of the next packet `stamp` at least: stamps must not fall.
+    pub(super) fn raise_stamp(&mut self, stamp: u64) {
+        self.stamp = self.stamp.max(stamp);
     }
 
     /// Makes the next stamp later than every stamp that `check` has accepted. Receivers reject a sender whose first stamp is more than

@@ -86,6 +86,10 @@ pub enum MessageId {
     Disconnect,
     /// 10, of a unicast client.
     KeepAlive,
+    /// 12, from a client: its time, to be sent back.
+    EchoRequest,
+    /// 13, of a server: the time of the client, and that of the server.
+    EchoResponse,
     /// 100, of a server: an unknown request.
     Unrecognized,
     /// Any other.
@@ -93,7 +97,7 @@ pub enum MessageId {
 }
 
 /// The numbers on the wire.
-const IDS: [(u16, MessageId); 10] = [
+const IDS: [(u16, MessageId); 12] = [
     (0, MessageId::Connect),
     (1, MessageId::ServerInfo),
     (2, MessageId::Request),
@@ -103,6 +107,8 @@ const IDS: [(u16, MessageId); 10] = [
     (7, MessageId::Frame),
     (9, MessageId::Disconnect),
     (10, MessageId::KeepAlive),
+    (12, MessageId::EchoRequest),
+    (13, MessageId::EchoResponse),
     (100, MessageId::Unrecognized),
 ];
 

@@ -85,6 +85,12 @@ impl NatNetServer {
             MessageId::KeepAlive => self.keep(from, now_ns),
             MessageId::Disconnect => self.clients.retain(|client| client.address != from),
             MessageId::Request => self.request(message.content, from, out),
+            // The time of the client comes back as it was sent; that of the server is in ticks of its clock, as in the frames.
+            MessageId::EchoRequest if message.content.len() == 8 => {
+                write_content(out, MessageId::EchoResponse, |writer| {
+                    writer.bytes(message.content).u64(now_ns / (1_000_000_000 / CLOCK_HZ));
+                });
+            }
             _ => {}
         }
     }

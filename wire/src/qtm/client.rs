@@ -48,8 +48,7 @@ impl Default for QtmClientOptions {
 pub enum QtmClientEvent<'a> {
     /// The handshake continues; there may be bytes to send.
     Handshake,
-    /// Parameters as XML, for [`QtmParameters::from_xml`](super::QtmParameters::from_xml): names of the bodies, rate. The stream has
-    /// been requested.
+    /// Parameters as XML, for [`QtmParameters::from_xml`](super::QtmParameters::from_xml): names of the bodies, rate.
     Parameters(&'a str),
     /// A frame, if the stream uses TCP.
     Frame(DataPacket<'a>),
@@ -103,6 +102,8 @@ pub struct QtmClient {
 struct Dialogue {
     options: QtmClientOptions,
     stage: Stage,
+    /// Whether the stream is requested with the next parameters.
+    starts_stream: bool,
     output: Vec<u8>,
 }
 
@@ -111,7 +112,7 @@ impl QtmClient {
     pub fn new(options: QtmClientOptions) -> Self {
         let stream = QtmStream::new(options.order, MAX_FROM_SERVER);
         let output = Vec::with_capacity(OUTPUT_BYTES);
-        let dialogue = Dialogue { options, stage: Stage::Greeting, output };
+        let dialogue = Dialogue { options, stage: Stage::Greeting, starts_stream: false, output };
         Self { stream, dialogue }
     }
 
@@ -149,7 +150,7 @@ impl QtmClient {
         self.dialogue.version()
     }
 
-    /// Requests the parameters and the stream again: bodies may have been renamed without an event.
+    /// Requests the parameters again, while the stream continues: bodies can be renamed without an event.
     pub fn request_parameters(&mut self) {
         if self.dialogue.stage == Stage::Established {
             self.dialogue.request_parameters();
@@ -185,6 +186,12 @@ impl Dialogue {
         self.send(&QtmCommand::Parameters(selection));
     }
 
+    /// Requests the parameters, and after them the stream.
+    fn restart_stream(&mut self) {
+        self.starts_stream = true;
+        self.request_parameters();
+    }
+
     fn on_packet<'a>(
         &mut self,
         packet: QtmPacket<'a>,
@@ -202,11 +209,13 @@ impl Dialogue {
             {
                 self.stage = Stage::Established;
                 self.options.newest = version;
-                self.request_parameters();
+                self.restart_stream();
             }
             (Stage::Version(version), QtmPacket::Error(_)) => self.request_older(version)?,
             (Stage::Established, QtmPacket::Xml(text)) => {
-                self.send(&QtmCommand::Stream(self.options.stream));
+                if std::mem::take(&mut self.starts_stream) {
+                    self.send(&QtmCommand::Stream(self.options.stream));
+                }
                 return Ok(QtmClientEvent::Parameters(text));
             }
             (Stage::Established, QtmPacket::Error("Parameters not available")) => {
@@ -230,7 +239,7 @@ impl Dialogue {
                 | QtmEvent::Other(_)
         );
         if new_data && self.stage == Stage::Established {
-            self.request_parameters();
+            self.restart_stream();
         }
         QtmClientEvent::Event(event)
     }
