@@ -7,6 +7,8 @@ The vehicle must hover at [0, 0, 1] m. From another machine, through `oqtal gate
 """
 
 import argparse
+import collections
+import contextlib
 import hmac
 import json
 import math
@@ -87,7 +89,7 @@ def read_key(path):
 
 
 class Remote:
-    """A gateway on the network: each datagram has a code of the key, the gateway's session, and a sequence number that grows."""
+    """A gateway on the network: each datagram has a code of the key, the gateway's session, and a number that counts once."""
 
     def __init__(self, address, key):
         host, _, port = address.rpartition(":")
@@ -96,35 +98,68 @@ class Remote:
         self.key = key
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.session = "none"
+        self.sequence = self.offset_ns = 0
+        # Numbers of datagrams without a reply: a reply repeats one of them, so one that was recorded before does not count.
+        self.unanswered = collections.deque(maxlen=1024)
         try:
             self.socket.connect((host, int(port)))
             self.socket.settimeout(2.0)
             # Refused, since the session is another; the reply tells the present one.
-            self.send({"version": 1})
-            code, _, text = self.socket.recv(4096).partition(b" ")
+            self.socket.send(self.signed({"version": 1}))
+            if self.confirmed(self.socket.recv(65536)) is None:
+                raise SystemExit(f"{address}: the reply is not from a gateway with the key")
         except socket.timeout:
             raise SystemExit(f"{address}: no reply; the gateway has another key, or none listens there")
         except (OSError, OverflowError) as error:
             raise SystemExit(f"{address}: {error}; start `oqtal gateway run --udp {address} --key FILE` there")
-        if not hmac.compare_digest(code, self.code(text)):
-            raise SystemExit(f"{address}: the reply is not from a holder of the key")
-        self.session = text.split(b" ", 1)[0].decode()
-        self.socket.settimeout(None)
+        self.socket.setblocking(False)
 
     def code(self, text):
         return hmac.new(self.key, text, "sha256").hexdigest().encode()
 
+    def signed(self, message):
+        """The datagram with `message` and the next sequence number: the clock, or the number after the last one."""
+        self.sequence = max(self.sequence + 1, time.time_ns() + self.offset_ns)
+        self.unanswered.append(self.sequence)
+        text = f"program {self.session} {self.sequence}\n{json.dumps(message)}".encode()
+        return self.code(text) + b" " + text
+
+    def confirmed(self, datagram):
+        """The reply in `datagram`; None if it is not one of the gateway to a datagram of this program."""
+        code, _, text = datagram.partition(b" ")
+        if not hmac.compare_digest(code, self.code(text)):
+            return None
+        line, _, content = text.decode().partition("\n")
+        author, *words = line.split(" ")
+        if author != "gateway" or int(words[1]) not in self.unanswered:
+            return None
+        self.unanswered.remove(int(words[1]))
+        reply = json.loads(content)
+        if words[0] != self.session or "continue_after" in reply:
+            # The gateway has started again, or the clock differs from another sender's. Datagrams on the way are refused as well.
+            self.session = words[0]
+            self.unanswered.clear()
+        if "continue_after" in reply:
+            self.sequence = reply["continue_after"]
+            self.offset_ns = self.sequence + 1 - time.time_ns()
+        return reply
+
     def send(self, message):
-        text = f"{self.session} {time.time_ns()}\n{json.dumps(message)}".encode()
-        self.socket.send(self.code(text) + b" " + text)
+        # Refused is the datagram before; the gateway may be starting again.
+        with contextlib.suppress(ConnectionRefusedError):
+            self.socket.send(self.signed(message))
 
     def reply(self):
-        """A reply that has come; None if there is none, or one without the code of the key."""
-        try:
-            code, _, text = self.socket.recv(65536, socket.MSG_DONTWAIT).partition(b" ")
-        except BlockingIOError:
-            return None
-        return json.loads(text.partition(b"\n")[2]) if hmac.compare_digest(code, self.code(text)) else None
+        """A reply that has come; None if there is none."""
+        while True:
+            try:
+                reply = self.confirmed(self.socket.recv(65536))
+            except BlockingIOError:
+                return None
+            except ConnectionRefusedError:
+                return {"answer": "refused", "text": "no gateway listens there"}
+            if reply:
+                return reply
 
 
 def main():
@@ -147,9 +182,9 @@ def main():
 
 
 def fly_circle(gateway, given):
-    """Sends references to `gateway` at the rate and for the time of the arguments, and prints the first refusal."""
+    """Sends references to `gateway` at the rate and for the time of the arguments, and prints each new refusal."""
     begun = due = time.clock_gettime(time.CLOCK_BOOTTIME)
-    asked_at, refusal = begun, None
+    asked_at, told = begun, None
     while due - begun < given.seconds:
         message = reference(due - begun, (0.0, 0.0, 1.0), 2000 / given.rate_hz)
         if not given.udp:
@@ -157,24 +192,23 @@ def fly_circle(gateway, given):
             message["time_ns"] = int(due * 1e9)
         gateway.send({"version": 1, "reference": message})
         # The gateway replies to a reference that it refuses; those that the daemon refuses are in its status.
-        if refusal is None and due >= asked_at:
+        if due >= asked_at:
             gateway.send({"version": 1, "request": "status"})
             asked_at += STATUS_PERIOD_S
-        refusal = refusal or report_refusal(gateway)
+        while reply := gateway.reply():
+            refusal = refusal_in(reply)
+            if refusal and refusal != told:
+                print(f"refused: {refusal}", file=sys.stderr)
+                told = refusal
         due += 1 / given.rate_hz
         time.sleep(max(0.0, due - time.clock_gettime(time.CLOCK_BOOTTIME)))
 
 
-def report_refusal(gateway):
-    """Prints the refusal in the replies that have come, and returns it; None without one."""
-    while reply := gateway.reply():
-        text = reply["text"]
-        _, found, reason = text.partition("set-point refused: ")
-        if found or reply["answer"] == "refused":
-            refusal = (reason.splitlines() or [text])[0]
-            print(f"refused: {refusal}", file=sys.stderr)
-            return refusal
-    return None
+def refusal_in(reply):
+    """The refusal of a request or a reference in `reply`; None without one."""
+    text = reply["text"]
+    _, found, reason = text.partition("set-point refused: ")
+    return (reason.splitlines() or [text])[0] if found or reply["answer"] == "refused" else None
 
 
 if __name__ == "__main__":

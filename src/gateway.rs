@@ -5,36 +5,37 @@
 //! a key.
 
 mod protocol;
+mod request;
+mod session;
 mod socket;
+mod stream_holder;
 mod udp;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use clap::{Args, Subcommand};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{ReferenceV1, Stamps};
-use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::port::Writer;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::REFERENCE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_config::Config;
-use oqtal_operator::{AddressedInstance, CtlRequest};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 
 use protocol::{Content, GatewayReply};
+use request::{Executor, RequestQueues};
 use socket::{GatewaySocket, Received, Sender, UnixGateway};
+use stream_holder::StreamHolder;
 use udp::{GatewayKey, UdpGateway};
+
+use crate::daemon_config::daemon_config;
 
 /// Name of the socket in the directory of the instance.
 const SOCKET: &str = "gateway.sock";
-/// Number of requests, and of stops, that may wait for their execution.
-const QUEUE: usize = 64;
 /// Time after the loss of files for which programs can still reach the processes that land.
 const LONGEST_LOSS: Span = Span::from_millis(10_000);
 
@@ -79,57 +80,19 @@ impl GatewayCommand {
             None => Box::new(UnixGateway::bind(&paths.directory().join(SOCKET))?),
         };
         say(&format!("oqtal: gateway at {}; Ctrl-C ends", socket.address()));
-        let stop_count = AtomicU64::new(0);
+        let executor = Executor::new(&paths, &*socket, &stop);
         std::thread::scope(|threads| {
-            let (socket, paths, stop_count, ends) = (&*socket, &paths, &stop_count, &stop);
-            let execute_all = move |requests: Receiver<GatewayRequest>| {
-                // At the end, requests still in the queue are dropped, except stops.
-                let due = |it: &GatewayRequest| it.command == CtlRequest::Stop || !ends.is_set();
-                requests
-                    .into_iter()
-                    .filter(due)
-                    .for_each(|it| it.execute(paths, socket, stop_count));
+            let gateway = Gateway {
+                bus: &bus,
+                references: None,
+                holder: StreamHolder::default(),
+                longest: longest_validity(&config),
+                requests: executor.start(threads),
+                whole_at: Time::now(),
             };
-            let [(stops, to_stop), (others, to_answer)] = [(); 2].map(|()| sync_channel(QUEUE));
-            // A request waits for a daemon that hangs: a stop does not wait for it.
-            threads.spawn(move || execute_all(to_stop));
-            threads.spawn(move || execute_all(to_answer));
-            let references = None;
-            let whole_at = Time::now();
-            let longest = Span::from_seconds(config.reference.longest_validity_ms * 1e-3);
-            let holder = StreamHolder { longest, ..StreamHolder::default() };
-            let gateway =
-                Gateway { bus: &bus, references, holder, stops, others, stop_count, whole_at };
-            gateway.run(socket, &stop)
+            gateway.run(&*socket, &stop)
         })?;
         Ok(Exit::Ok)
-    }
-}
-
-/// A request of a program.
-struct GatewayRequest {
-    command: CtlRequest,
-    arguments: Vec<String>,
-    sender: Sender,
-    /// Number of stops that were requested before it \[-\].
-    stops_before: u64,
-}
-
-impl GatewayRequest {
-    /// Executes the request to the instance at `paths`, and replies. A request that waited while a stop was requested is refused: an
-    /// `arm` must not take effect after it.
-    fn execute(self, paths: &InstancePaths, socket: &dyn GatewaySocket, stop_count: &AtomicU64) {
-        let Self { command, arguments, sender, stops_before } = self;
-        if command != CtlRequest::Stop && stop_count.load(Ordering::Acquire) != stops_before {
-            let reason = "a stop was requested after it".to_owned();
-            socket.reply(&sender, &GatewayReply::refused(reason).to_json());
-            return;
-        }
-        let address = AddressedInstance::at(paths);
-        let sign = |request| sender.sign(request);
-        let result = oqtal_operator::execute(&address, (command, &arguments), None, sign);
-        let refused = |failure: Failure| GatewayReply::refused(failure.message);
-        socket.reply(&sender, &result.map_or_else(refused, GatewayReply::done).to_json());
     }
 }
 
@@ -140,47 +103,11 @@ struct Gateway<'a> {
     references: Option<Writer<ReferenceV1>>,
     /// Program whose references are followed.
     holder: StreamHolder,
-    stops: SyncSender<GatewayRequest>,
-    others: SyncSender<GatewayRequest>,
-    /// Number of stops requested so far.
-    stop_count: &'a AtomicU64,
+    /// Longest validity of a reference for an instance without a daemon's configuration.
+    longest: Span,
+    requests: RequestQueues<'a>,
     /// Instant at which the files of the instance were last found.
     whole_at: Time,
-}
-
-/// Program whose references are followed: of two at a time the second one is refused.
-#[derive(Debug, Default)]
-struct StreamHolder {
-    /// Process; 0: a program of the network.
-    process: u32,
-    /// Program, or its network address.
-    program: String,
-    /// End of the validity of its newest reference.
-    until: Time,
-    /// Longest time for which one reference keeps other programs out.
-    longest: Span,
-}
-
-impl StreamHolder {
-    /// Admits a reference of `sender` that is valid until `valid_until`.
-    ///
-    /// # Errors
-    /// References of another program are in force.
-    fn admit(&mut self, sender: &Sender, valid_until: Time, now: Time) -> Result<(), String> {
-        let Self { process, program, .. } = &*self;
-        let is_same = *process == sender.process && (*process != 0 || *program == sender.program);
-        if !is_same && now < self.until {
-            let place = if *process == 0 { String::new() } else { format!(", process {process}") };
-            return Err(format!(
-                "`{program}`{place} sends references already; end it, or wait until its last reference expires"
-            ));
-        }
-        if !is_same {
-            (self.process, self.program) = (sender.process, sender.program.clone());
-        }
-        self.until = valid_until.min(now + self.longest);
-        Ok(())
-    }
 }
 
 impl Gateway<'_> {
@@ -217,33 +144,30 @@ impl Gateway<'_> {
         Err(Failure::new(Exit::System, format!("{}: {reason}", directory.display())))
     }
 
-    /// Executes a datagram, or passes it to the thread that replies; the sender and the reason of a refusal otherwise.
+    /// Publishes a reference, or passes a request to the thread that replies; the sender and the reason of a refusal otherwise.
     fn serve(&mut self, datagram: &[u8], sender: Sender) -> Result<(), (Sender, String)> {
-        let content = match protocol::parse(datagram, Time::now()) {
-            Ok(content) => content,
-            Err(reason) => return Err((sender, reason)),
-        };
-        let (command, arguments) = match content {
-            Content::Reference(reference) => {
-                let admitted = self.holder.admit(&sender, reference.valid_until, Time::now());
-                let published = admitted
-                    .and_then(|()| self.publish(*reference).map_err(|failure| failure.message));
-                return published.map_err(|reason| (sender, reason));
+        let now = Time::now();
+        match protocol::parse(datagram, now) {
+            Ok(Content::Reference(reference)) => {
+                self.follow(*reference, &sender, now).map_err(|reason| (sender, reason))
             }
-            Content::Request { command, arguments } => (command, arguments),
-        };
-        let command = match CtlRequest::named(&command) {
-            Ok(command) => command,
-            Err(reason) => return Err((sender, reason)),
-        };
-        let is_stop = command == CtlRequest::Stop;
-        let stops_before = self.stop_count.fetch_add(u64::from(is_stop), Ordering::AcqRel);
-        let thread = if is_stop { &self.stops } else { &self.others };
-        let request = GatewayRequest { command, arguments, sender, stops_before };
-        thread.try_send(request).map_err(|error| {
-            let (TrySendError::Full(request) | TrySendError::Disconnected(request)) = error;
-            (request.sender, format!("{QUEUE} requests wait for the daemon already"))
-        })
+            Ok(Content::Request { command, arguments }) => {
+                self.requests.push((&command, arguments), sender, now)
+            }
+            Err(reason) => Err((sender, reason)),
+        }
+    }
+
+    fn follow(&mut self, reference: ReferenceV1, sender: &Sender, now: Time) -> Result<(), String> {
+        if !self.holder.is_busy(now) {
+            // The daemon may have been started again, with another configuration.
+            let of_daemon = daemon_config(self.bus.paths());
+            self.holder.longest = of_daemon.as_ref().map_or(self.longest, longest_validity);
+        }
+        if !self.holder.admit(sender, reference.valid_until, now)? {
+            return Ok(());
+        }
+        self.publish(reference).map_err(|failure| failure.message)
     }
 
     fn publish(&mut self, reference: ReferenceV1) -> Result<(), Failure> {
@@ -256,23 +180,7 @@ impl Gateway<'_> {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_references_of_a_second_program_are_refused_until_those_of_the_first_expire() {
-        let mut holder =
-            StreamHolder { longest: Span::from_millis(500), ..StreamHolder::default() };
-        let [first, second] =
-            [5001, 5002].map(|port| Sender::network(([10, 0, 0, 7], port).into(), 1));
-        let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
-        assert_eq!(holder.admit(&first, at(100), at(0)), Ok(()));
-        let refusal = holder.admit(&second, at(150), at(50)).unwrap_err();
-        assert!(refusal.starts_with("`10.0.0.7:5001` sends references already"), "{refusal}");
-        assert_eq!(holder.admit(&first, at(150), at(50)), Ok(()));
-        assert_eq!(holder.admit(&second, at(9000), at(150)), Ok(()));
-        assert!(holder.admit(&first, at(700), at(600)).is_err());
-        assert_eq!(holder.admit(&first, at(700), at(650)), Ok(()), "at most `longest`");
-    }
+/// Longest validity of a reference by `config`.
+fn longest_validity(config: &Config) -> Span {
+    Span::from_seconds(config.reference.longest_validity_ms * 1e-3)
 }

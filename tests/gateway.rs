@@ -1,10 +1,11 @@
 //! `oqtal gateway run` as a process: references of a program move the vehicle, from this machine and over the network.
 
 use std::fs::{File, Permissions};
+use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use oqtal_bus::code::Mode;
@@ -62,7 +63,7 @@ fn flies_half_a_circle(testbed: &Testbed, gateway_words: &[&str], script_words: 
 
 /// A request to a daemon that hangs is answered after seconds.
 #[test]
-fn a_stop_waits_for_no_other_request() {
+fn a_stop_and_a_landing_wait_for_no_other_request() {
     let testbed = Testbed::new("gateway-stop");
     let processes = testbed.services();
     testbed.wait_for_daemon();
@@ -77,18 +78,24 @@ fn a_stop_waits_for_no_other_request() {
     };
     daemon.signal(Signal::STOP);
     (0..3).for_each(|_| ask("status"));
+    ask("land");
     ask("stop");
     let reply = || {
         let mut reply = [0; 4096];
         let length = program.recv(&mut reply).unwrap();
         String::from_utf8_lossy(&reply[..length]).into_owned()
     };
-    let first = reply();
-    assert!(first.contains("stop"), "{first}");
+    let replies: Vec<String> = (0..5).map(|_| reply()).collect();
     daemon.signal(Signal::CONT);
+    let place = |text: &str| replies.iter().position(|reply| reply.contains(text));
+    // Absent if also the first `status` still waited.
+    let unanswered = place("runs on instance").unwrap_or(replies.len());
+    for text in ["land: requested by signal", "\"text\":\"stop"] {
+        assert!(place(text).is_some_and(|place| place < unanswered), "{replies:#?}");
+    }
     // An `arm` among them would end the stop.
-    let refused = (0..3).filter(|_| reply().contains("a stop was requested after it")).count();
-    assert!(refused >= 2, "{refused}");
+    let refused = replies.iter().filter(|reply| reply.contains("requested after it")).count();
+    assert!(refused >= 2, "{replies:#?}");
 }
 
 #[test]
@@ -136,6 +143,68 @@ fn the_examples_in_python_say_what_is_wrong() {
         assert!(!output.status.success() && message.contains(told), "{words:?}: {message}");
         assert!(!message.contains("Traceback"), "{words:?}: {message}");
     }
+}
+
+/// Sends requests to a gateway that starts again, and is told that another sender's clock is ahead.
+const RESTARTED: &str = r#"
+import socket, sys, time
+sys.path.insert(0, sys.argv[1])
+from stream_references import Remote, read_key
+gateway = Remote(sys.argv[2], read_key(sys.argv[3]))
+
+def ask():
+    while True:
+        gateway.send({"version": 1, "request": "statos"})
+        time.sleep(0.02)
+        while reply := gateway.reply():
+            if "unknown request" in reply["text"]:
+                return
+
+other = Remote(sys.argv[2], gateway.key)
+other.offset_ns = 3 * 10**9
+other.send({"version": 1, "request": "statos"})
+ask()
+print("asked", flush=True)
+sys.stdin.readline()
+ask()
+# A reply that comes back to its gateway has no reply.
+silent = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+silent.settimeout(0.5)
+text = b"gateway %s 5\n{}" % gateway.session.encode()
+silent.sendto(gateway.code(text) + b" " + text, gateway.socket.getpeername())
+try:
+    sys.exit(silent.recv(4096))
+except TimeoutError:
+    pass
+"#;
+
+#[test]
+fn a_program_on_the_network_continues_after_a_restart_and_with_its_clock_behind() {
+    if Command::new("python3").arg("--version").output().is_err() {
+        skipped("there is no python3");
+        return;
+    }
+    let testbed = Testbed::new("gateway-restart");
+    let key = testbed.write("gateway.key", &format!("{}\n", "0123456789abcdef".repeat(4)));
+    std::fs::set_permissions(&key, Permissions::from_mode(0o600)).unwrap();
+    let (key, address) = (key.display().to_string(), format!("127.0.0.1:{}", free_port()));
+    let words = ["--udp", &address, "--key", &key];
+    let first = gateway(&testbed, &words);
+    let examples = concat!(env!("CARGO_MANIFEST_DIR"), "/examples");
+    let mut program = Command::new("python3")
+        .args(["-B", "-c", RESTARTED, examples, &address, &key])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(program.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    assert_eq!(line, "asked\n");
+    first.signal(Signal::INT);
+    assert!(first.wait().status.success());
+    let _second = gateway(&testbed, &words);
+    drop(program.stdin.take());
+    assert!(program.wait().unwrap().success());
 }
 
 #[test]

@@ -11,7 +11,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::VEHICLE;
 use oqtal_bus::transport::{Subscribe, Transport};
 
-use crate::request::{request, send};
+use crate::request::{request, send, send_signed};
 
 /// Maximum time for the vehicle to come to rest: a fall from the height of a room, and half a second without motion.
 const REST_TIMEOUT: Span = Span::from_millis(5000);
@@ -68,6 +68,24 @@ pub fn ask(
         }
         refusal = Some(response);
         std::thread::sleep(PERIOD);
+    }
+}
+
+/// Arms by the request `arming` and its author, without a wait for a vehicle in motion; returns the daemon's last answer, `None` if there
+/// is none. `expected`: as in [`ask`].
+///
+/// # Errors
+/// The bus refuses.
+pub(crate) fn ask_once(
+    bus: &Bus,
+    arming: ControlRequestV1,
+    expected: Option<u64>,
+) -> Result<Option<ControlResponseV1>, BusError> {
+    match send_signed(bus, arming, expected)? {
+        Some(accepted) if accepted.answer != Answer::Refused.code() => {
+            begun(bus, accepted, &|| false)
+        }
+        refused => Ok(refused),
     }
 }
 

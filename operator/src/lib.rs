@@ -73,7 +73,10 @@ pub fn execute(
         CtlRequest::Land => land::land(address, body)?,
         _ => {
             let bus = running_bus(&address.paths)?;
-            let answer = request::send_signed(&bus, body, expected)?;
+            let answer = match command {
+                CtlRequest::Arm => arm::ask_once(&bus, body, expected)?,
+                _ => request::send_signed(&bus, body, expected)?,
+            };
             (answer.ok_or_else(|| unanswered(&bus))?, Vec::new())
         }
     };

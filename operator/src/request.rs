@@ -10,7 +10,8 @@ use oqtal_bus::obeying::ObeyingProcess;
 use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_observe::status::{self, VehicleStatus};
+use oqtal_observe::config_file;
+use oqtal_observe::status::VehicleStatus;
 use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::process::{Exit, Failure};
 
@@ -19,7 +20,7 @@ use crate::report::listed;
 use crate::running::RunningProcesses;
 
 /// Time within which a running daemon answers.
-const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
+pub const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
 /// Time between two checks whether an instance has started.
 const START_POLL: std::time::Duration = std::time::Duration::from_millis(20);
 
@@ -42,13 +43,16 @@ pub fn send(
     send_signed(bus, request.by("oqtal"), expected)
 }
 
-/// As [`send`], for a request with its author.
+/// As [`send`], for a request with its author, and with the end of its validity if it was made before.
 pub fn send_signed(
     bus: &Bus,
     request: ControlRequestV1,
     expected: Option<u64>,
 ) -> Result<Option<ControlResponseV1>, BusError> {
-    let valid_until = Time::now() + ANSWER_TIMEOUT;
+    let valid_until = match request.valid_until {
+        Time::UNSET => Time::now() + ANSWER_TIMEOUT,
+        stated => stated,
+    };
     let config_hash = expected.unwrap_or(0);
     let request = ControlRequestV1 { valid_until, config_hash, ..request };
     bus.control_client()?.ask(request, ANSWER_TIMEOUT)
@@ -146,7 +150,7 @@ pub fn start_daemon(paths: &InstancePaths) -> String {
     let place = paths.flags();
     let file = Some(paths.config()).filter(|file| file.is_file());
     let config = file.map(|file| format!(" --config {}", quoted(&file.display().to_string())));
-    let process = if status::is_of_chain(&paths.config()) { "chain" } else { "daemon" };
+    let process = if config_file::is_of_chain(&paths.config()) { "chain" } else { "daemon" };
     format!("{}oqtal {process} run{} {place}", as_owner(paths), config.unwrap_or_default())
 }
 
@@ -158,27 +162,34 @@ pub(crate) fn as_owner(paths: &InstancePaths) -> String {
 /// Names of the files that were edited or removed after the start of the last daemon at `paths`; `None` if there are none, or if this user
 /// cannot read them.
 pub(crate) fn edited_names(paths: &InstancePaths) -> Option<String> {
-    let files = status::edited_files(&paths.config(), false);
+    let files = config_file::edited_files(&paths.config(), false);
     (!files.is_empty()).then(|| listed(&files))
 }
 
-/// Note for the answers of the daemon at `paths`: files of its configuration with edits that it does not use; `None` if there are none.
+/// Note for the answers of the daemon at `paths`: files of its configuration that were removed, or with edits that it does not use; `None`
+/// if there are none.
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
-    let (files, place) = (status::edited_files(&paths.config(), true), paths.flags());
-    (!files.is_empty()).then(|| {
+    let (files, place) = (config_file::edited_files(&paths.config(), true), paths.flags());
+    let (files, removed): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.exists());
+    let removed = (!removed.is_empty()).then(|| {
+        format!("{}: removed; the daemon keeps the settings that it has read", listed(&removed))
+    });
+    let edited = (!files.is_empty()).then(|| {
         let reload = |file: &str| format!("`oqtal ctl reload {file}{place}`");
         let named = |file: &PathBuf| reload(&(quoted(&file.display().to_string()) + " "));
-        let is_copy = status::is_copy(&paths.config());
+        let is_copy = config_file::is_copy(&paths.config());
         let reloads: Vec<_> =
             if is_copy { files.iter().map(named).collect() } else { vec![reload("")] };
         let all = if is_copy { " (takes every setting of the file, also those that later files and flags had replaced)" } else { "" };
         format!(
-            "{}: removed, or edited without effect on the daemon; to apply an edit of settings that can change while the daemon runs: {}{all}; a restart \
+            "{}: edited without effect on the daemon; to apply an edit of settings that can change while the daemon runs: {}{all}; a restart \
              of every process applies any edit",
             listed(&files),
             reloads.join(" and ")
         )
-    })
+    });
+    let notes: Vec<_> = edited.into_iter().chain(removed).collect();
+    (!notes.is_empty()).then(|| notes.join("; "))
 }
 
 /// States that a daemon started with the copy lacks the edits of `files`.
@@ -193,14 +204,14 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
     if let Some(process) = seen.of_other_config(paths) {
         return format!("start one {}", config_of(process));
     }
-    if let Some(command) = status::flight_of(&paths.config()) {
+    if let Some(command) = config_file::flight_of(&paths.config()) {
         return format!(
             "the flight of this instance has ended or is ending; to fly again: `{command}`"
         );
     }
     let like = match paths.config() {
         file if !file.is_file() => ", with the --config of the instance if it has one",
-        file if status::arms_at_start(&file) && !FlightMarker::of(paths).is_set() => {
+        file if config_file::arms_at_start(&file) && !FlightMarker::of(paths).is_set() => {
             "; it takes off by itself (safety.arm-at-start)"
         }
         _ => "",

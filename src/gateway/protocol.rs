@@ -107,17 +107,26 @@ pub struct GatewayReply {
     version: u32,
     answer: &'static str,
     text: String,
+    /// Sequence number after which the sender of a datagram of the network continues.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    continue_after: Option<u64>,
 }
 
 impl GatewayReply {
     /// A request was executed.
     pub fn done(text: String) -> Self {
-        Self { version: VERSION, answer: "done", text }
+        Self { version: VERSION, answer: "done", text, continue_after: None }
     }
 
     /// A datagram was refused.
     pub fn refused(text: String) -> Self {
-        Self { version: VERSION, answer: "refused", text }
+        Self { version: VERSION, answer: "refused", text, continue_after: None }
+    }
+
+    /// A datagram was refused for its sequence number, which is `reason`; `last` is the highest one.
+    pub fn out_of_sequence(reason: &str, last: u64) -> Self {
+        let text = format!("the sequence is more than {reason}: continue after {last}");
+        Self { continue_after: Some(last), ..Self::refused(text) }
     }
 
     /// The reply as JSON.

@@ -53,11 +53,11 @@ pub struct Received {
 pub struct Sender {
     /// Where it receives replies.
     pub address: Option<SenderAddress>,
-    /// Process on this machine; 0 for one of the network.
+    /// Process on this machine; 0 for one of the network, or of a container whose processes cannot be seen.
     pub process: u32,
     /// Its user; [`NO_USER`] for one of the network.
     pub user: u32,
-    /// Program or network address.
+    /// Program; of process 0 its address, empty for none.
     pub program: String,
 }
 
@@ -85,13 +85,24 @@ impl Sender {
         Self { address, process: 0, user: NO_USER, program }
     }
 
+    /// Sequence number of the datagram; 0 on this machine, where datagrams keep their order.
+    pub fn sequence(&self) -> u64 {
+        match self.address {
+            Some(SenderAddress::Network(_, sequence)) => sequence,
+            _ => 0,
+        }
+    }
+
     /// The sender whose process and user the kernel states.
     fn local(address: Option<PathBuf>, credentials: Option<UCred>) -> Option<Self> {
         let UCred { pid, uid, .. } = credentials?;
         let process = pid.as_raw_pid().unsigned_abs();
-        let name = std::fs::read_to_string(format!("/proc/{process}/comm")).unwrap_or_default();
-        let address = address.map(SenderAddress::Path);
-        Some(Self { address, process, user: uid.as_raw(), program: name.trim().to_owned() })
+        let program = match (process, &address) {
+            (0, Some(path)) => path.display().to_string(),
+            _ => std::fs::read_to_string(format!("/proc/{process}/comm")).unwrap_or_default(),
+        };
+        let (address, program) = (address.map(SenderAddress::Path), program.trim().to_owned());
+        Some(Self { address, process, user: uid.as_raw(), program })
     }
 }
 

@@ -1,27 +1,27 @@
 //! The network socket of the gateway: datagrams with a code (HMAC-SHA256, RFC 2104) that only holders of the key can make.
 //!
 //! ```text
-//! CODE SESSION SEQUENCE\n
+//! CODE program SESSION SEQUENCE\n
 //! {"version": 1, ...}
 //! ```
 //!
-//! `CODE` is of all that follows its space, in hexadecimal digits. A datagram that was seen before is refused: each start of the
-//! gateway has a random `SESSION`, in which `SEQUENCE` must grow. A datagram without a valid code has no reply.
+//! `CODE` is of all that follows its space, in hexadecimal digits. A datagram that was received before is refused: each start of the
+//! gateway has a random `SESSION`, in which each `SEQUENCE` counts once. Replies begin with `gateway` in place of `program`. A
+//! datagram without a valid code, or without `program`, has no reply.
 
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use hmac::{Hmac, KeyInit, Mac};
+use oqtal_bus::time::Time;
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::hex::{from_hex, to_hex};
 use sha2::Sha256;
 
-use super::protocol::GatewayReply;
+use super::session::Session;
 use super::socket::{GatewaySocket, Received, Sender, SenderAddress, TIMEOUT};
-use crate::token::random_token;
 
 /// Length of key and code \[bytes\].
 const KEY_BYTES: usize = 32;
@@ -71,32 +71,6 @@ impl GatewayKey {
     }
 }
 
-/// The present session, in which each sequence number counts once.
-struct Session {
-    name: String,
-    last: AtomicU64,
-}
-
-impl Session {
-    /// Takes the first line of a datagram, `SESSION SEQUENCE`.
-    ///
-    /// # Errors
-    /// The datagram is of another session or was seen before.
-    fn admit(&self, line: &str) -> Result<u64, String> {
-        let (session, sequence) = line.split_once(' ').ok_or("the first line is incomplete")?;
-        let sequence: u64 = sequence.parse().map_err(|_| "the sequence is not a number")?;
-        if session != self.name {
-            return Err("another session: use that of this reply".to_owned());
-        }
-        let last = self.last.fetch_max(sequence, Ordering::Relaxed);
-        if last >= sequence {
-            // Another sender's clock may be ahead of this one's.
-            return Err(format!("the sequence must be greater than the last one, {last}"));
-        }
-        Ok(sequence)
-    }
-}
-
 /// A socket on the network.
 pub struct UdpGateway {
     socket: UdpSocket,
@@ -114,15 +88,11 @@ impl UdpGateway {
             |error: std::io::Error| Failure::new(Exit::System, format!("{address}: {error}"));
         let socket = UdpSocket::bind(address).map_err(failed)?;
         socket.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
-        Ok(Self {
-            socket,
-            key,
-            session: Session { name: random_token()?, last: AtomicU64::new(0) },
-        })
+        Ok(Self { socket, key, session: Session::begin()? })
     }
 
     fn send(&self, address: SocketAddr, sequence: u64, text: &str) {
-        let text = self.key.signed(&format!("{} {sequence}\n{text}", self.session.name));
+        let text = self.key.signed(&format!("{}\n{text}", self.session.reply_line(sequence)));
         let _ = self.socket.send_to(text.as_bytes(), address);
     }
 }
@@ -148,17 +118,19 @@ impl GatewaySocket for UdpGateway {
         let Some(text) = self.key.confirmed(&datagram[..length]) else { return Ok(None) };
         let line_end = text.iter().position(|byte| *byte == b'\n').unwrap_or(text.len());
         let line = String::from_utf8_lossy(&text[..line_end]);
-        match self.session.admit(&line) {
-            Ok(sequence) => {
+        let clock = Time::now() + Time::wall_offset();
+        Ok(match self.session.admit(&line, clock.nanos()) {
+            Some(Ok(sequence)) => {
                 let start = (length - text.len() + line_end + 1).min(length);
                 let sender = Sender::network(address, sequence);
-                Ok(Some(Received { content: start..length, sender }))
+                Some(Received { content: start..length, sender })
             }
-            Err(reason) => {
-                self.send(address, 0, &GatewayReply::refused(reason).to_json());
-                Ok(None)
+            Some(Err((sequence, refusal))) => {
+                self.send(address, sequence, &refusal.to_json());
+                None
             }
-        }
+            None => None,
+        })
     }
 
     fn reply(&self, sender: &Sender, text: &str) {
@@ -204,17 +176,5 @@ mod tests {
             assert_eq!(key.confirmed(&changed), None, "byte {index}");
             assert_ne!(key.confirmed(&datagram[..index]), Some(&b"session 5\n{}"[..]));
         }
-    }
-
-    #[test]
-    fn a_sequence_number_counts_once() {
-        let session = Session { name: "ab".to_owned(), last: AtomicU64::new(0) };
-        assert_eq!(session.admit("ab 5"), Ok(5));
-        for line in ["ab 5", "ab 4", "cd 6", "ab", "ab x", ""] {
-            assert!(session.admit(line).is_err(), "{line}");
-        }
-        assert_eq!(session.admit("ab 6"), Ok(6));
-        let refusal = session.admit("ab 3").unwrap_err();
-        assert!(refusal.ends_with("the last one, 6"), "{refusal}");
     }
 }

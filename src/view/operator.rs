@@ -6,7 +6,7 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_operator::{AddressedInstance, CtlRequest};
 use oqtal_view::site::{Operator, OperatorReply};
 
-/// Sends commands to the daemon of an instance, one at a time; a stop does not wait for other commands.
+/// Sends commands to the daemon of an instance, one at a time; a stop or landing does not wait for others.
 #[derive(Debug)]
 pub struct BusOperator {
     address: AddressedInstance,
@@ -29,7 +29,7 @@ impl Operator for BusOperator {
             Ok(command) => command,
             Err(reason) => return refused(reason),
         };
-        let busy = (!matches!(command, CtlRequest::Stop)).then(|| self.busy.try_lock());
+        let busy = (!command.ends_flight()).then(|| self.busy.try_lock());
         if let Some(Err(TryLockError::WouldBlock)) = busy {
             return refused("another command is being answered".to_owned());
         }
