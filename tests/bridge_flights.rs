@@ -1,6 +1,7 @@
 //! Flights through the bridge: real processes, real frames on a pseudo-terminal, in real time.
 
 use crate::common::{Running, TWO_CORNERS, Testbed, assert_as_good_as, json, number, wait_for};
+use oqtal_bus::topic::Role;
 use oqtal_config::Config;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -79,15 +80,19 @@ fn both_api_modes_of_the_xbee_fly() {
     }
 }
 
-/// An emulated vehicle started on this instance publishes the truth for the cameras.
+/// The cameras would show its vehicle, or its truth would be recorded, while the one at the link flies.
 #[test]
-fn a_vehicle_at_a_link_is_flown_with_its_own_truth_if_it_publishes_it() {
+fn a_flight_at_a_link_is_refused_beside_a_simulator() {
     let testbed = Testbed::new("link");
+    let bus = testbed.bus();
     let (vehicle, link) = waiting_vehicle(&testbed);
-    let summary =
-        testbed.lands(&[&["--vehicle", &format!("link:{link}")], &hover("1")[..]].concat());
-    assert_eq!(summary["error_source"], "truth");
-    assert_eq!(summary["vehicle"], format!("link:{link}").as_str());
+    wait_for("the simulator", || bus.holder(&Role::Plant.health()).unwrap());
+    let link = format!("link:{link}");
+    let flight = ["fly", "--vehicle", &link];
+    for cameras in [&[][..], &["--mocap", "link:qtm:127.0.0.1,body=quad"]] {
+        let words = [&flight[..], cameras].concat();
+        testbed.refuses(&words, 75, &["`oqtal plant-sim` (", "already runs on instance"]);
+    }
     vehicle.signal(Signal::TERM);
     assert!(vehicle.wait().status.success());
     assert!(!testbed.path("vehicle").exists(), "the link goes with its vehicle");

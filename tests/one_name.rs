@@ -2,6 +2,7 @@
 
 use std::process::Command;
 
+use crate::common::network::free_port;
 use crate::common::{Running, Testbed, assert_refused, wait_for};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::obeying::ObeyingProcess;
@@ -148,10 +149,13 @@ fn a_stop_that_reaches_nobody_names_the_processes_that_run() {
     let output = stopped();
     assert_refused(&output, 75, &["only `oqtal mocap-emu` (", "there is nothing to stop"]);
     let wire = format!("asctec:{}", testbed.path("wire").display());
-    let _plant = testbed.start(&["plant-sim", "run", "--wire", &wire]);
-    wait_for("the vehicle at a wire", || holds(Role::Plant));
-    let output = stopped();
-    assert_refused(&output, 75, &["`oqtal plant-sim` (", "takes its commands over a wire"]);
+    let truth = format!("betaflight-sitl:udp:127.0.0.1:{}", free_port());
+    for far in [["--wire", &wire], ["--truth", &truth]] {
+        let _plant = testbed.start(&[&["plant-sim", "run"], &far[..]].concat());
+        wait_for("the vehicle behind a bridge", || holds(Role::Plant));
+        let output = stopped();
+        assert_refused(&output, 75, &["`oqtal plant-sim` (", "takes its commands over a wire"]);
+    }
 }
 
 #[test]

@@ -90,8 +90,10 @@ impl Airframe<'_> {
     }
 }
 
-/// Rule of a time constant \[ms\]: at least a millisecond, the integration step of the plant.
-pub(crate) const A_STEP: Rule = Rule::Between(1.0, f64::MAX);
+/// Rule of a time constant \[ms\]: at least the integration step of the plant.
+pub(crate) const A_STEP: Rule = Rule::Between(A_STEP_MS, f64::MAX);
+/// Integration step of the plant \[ms\].
+pub(crate) const A_STEP_MS: f64 = 1.0;
 
 /// Inertia with these rows \[kg m^2, body\], as a type of the control crate.
 pub(crate) fn inertia(rows: &[[f64; 3]; 3]) -> Result<Inertia, InertiaError> {

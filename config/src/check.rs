@@ -47,15 +47,17 @@ impl Config {
 
     /// Checks the rules for values of several sections.
     fn check_together(&self) -> Result<(), OptionError> {
-        if !self.plant.wire.link.is_empty() && self.clock.kind != ClockKind::Real {
-            let link = format!("`{}`", self.plant.wire.link);
+        let links =
+            [("plant.wire.link", &self.plant.wire.link), ("plant.truth", &self.plant.truth)];
+        let link = links.into_iter().find(|(_, link)| !link.is_empty());
+        if let Some((key, link)) = link.filter(|_| self.clock.kind != ClockKind::Real) {
             let allowed = "empty unless clock.kind = \"real\"";
-            return Err(OptionError::new("plant.wire.link", link, allowed));
+            return Err(OptionError::new(key, format!("`{link}`"), allowed));
         }
         let (poses, loops) = (self.safety.pose_rate_hz, self.control.rate_hz);
         if poses < loops * LEAST_POSES_PER_TICK {
             let allowed = format!(
-                "at least two thirds of control.rate-hz, {loops}: lower that to {poses}, one tick per pose, or set the rate at which poses arrive"
+                "at least two thirds of control.rate-hz, {loops}: lower that to {poses}, one tick per pose, or raise the rate of the poses, mocap.rate-hz (of real cameras safety.pose-rate-hz)"
             );
             return Err(OptionError::new("safety.pose-rate-hz", poses, allowed));
         }
@@ -93,9 +95,10 @@ impl Config {
         Err(OptionError::new("external.budget-us", budget_us, allowed))
     }
 
-    /// Protects real vehicles from accidental faults: a bridge's link must lead to the simulated vehicle.
+    /// Protects real vehicles from accidental faults: a bridge's link must lead to an emulated vehicle or to a firmware executed as a
+    /// program.
     fn check_faults(&self) -> Result<(), OptionError> {
-        let is_real = !self.bridge.link.is_empty() && self.plant.wire.link.is_empty();
+        let is_real = !self.bridge.link.is_empty() && !self.plant.is_behind_bridge();
         let Some(first) = self.fault.inject.first() else { return Ok(()) };
         if !is_real || self.fault.with_real_vehicle {
             return Ok(());

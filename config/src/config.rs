@@ -264,12 +264,12 @@ impl Config {
         Ok(self)
     }
 
-    /// Rates of cameras and loop, as text.
+    /// Expected rate of the poses and rate of the loop, as text.
     pub fn pace(&self) -> String {
-        let (cameras, wanted) = (self.safety.pose_rate_hz, self.control.rate_hz);
+        let (poses, wanted) = (self.safety.pose_rate_hz, self.control.rate_hz);
         let (every, rate) = (self.poses_per_tick(), self.loop_rate_hz());
         format!(
-            "cameras at {cameras} Hz, control.rate-hz = {wanted}: the loop acts on one pose in {every}, at {rate:.4} Hz"
+            "poses expected at {poses} Hz, control.rate-hz = {wanted}: the loop acts on one pose in {every}, at {rate:.4} Hz"
         )
     }
 
@@ -282,6 +282,17 @@ impl Config {
                 self.pace(),
                 self.control.rate_hz,
                 (rate * 1e3).round() * 1e-3
+            )
+        })
+    }
+
+    /// Warning that emulated cameras send poses at another rate than the loop expects; `None` if they do not, or real cameras send them.
+    pub fn pose_rate_warning(&self) -> Option<String> {
+        let (sent, expected) = (self.mocap.rate_hz, self.safety.pose_rate_hz);
+        let is_emulated = self.receiver.link.is_empty() && !self.is_replay();
+        (is_emulated && (sent / expected - 1.0).abs() > RATE_TOLERANCE).then(|| {
+            format!(
+                "mocap.rate-hz is {sent} and safety.pose-rate-hz {expected}: the loop expects other poses than the emulated cameras send, and ticks unevenly, at neither rate; set mocap.rate-hz = {expected}"
             )
         })
     }

@@ -68,8 +68,8 @@ impl Config {
     /// # Errors
     /// The setting because of which such a key changes, with the key that it was written with.
     pub fn require_live(&self, next: &Self, settings: &[Setting]) -> Result<(), ConfigError> {
-        let error = |reason| ConfigError { origin: "settings".to_owned(), reason };
-        let changed = self.differences(next).map_err(error)?;
+        let error = |origin: &str, reason| ConfigError { origin: origin.to_owned(), reason };
+        let changed = self.differences(next).map_err(|reason| error("settings", reason))?;
         let keys = changed.iter().map(|text| text.split('=').next().unwrap_or_default());
         let mut fixed: Vec<_> =
             keys.filter_map(|key| restart_for(key).map(|process| (key, process))).collect();
@@ -85,12 +85,13 @@ impl Config {
         // Before a key that follows another one, the one that was written.
         let written = fixed.iter().find_map(|(key, process)| {
             let setting = settings.iter().rfind(|setting| sets(setting, key))?;
-            Some((setting.key.as_str(), *process))
+            Some((setting.key.as_str(), *process, setting.origin.as_str()))
         });
-        let (key, process) = written.unwrap_or((first, process));
-        Err(error(format!(
-            "`{key}`: cannot change while the daemon runs; restart {process} with it"
-        )))
+        // A line that was removed has no place in a file.
+        let (key, process, origin) = written.unwrap_or((first, process, "settings"));
+        let reason =
+            format!("`{key}`: cannot change while the daemon runs; restart {process} with it");
+        Err(error(origin, reason))
     }
 
     /// The configuration of `files` as they are now, with the settings of this one that are from none of them: those of flags, of the

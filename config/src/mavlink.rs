@@ -19,8 +19,8 @@ pub struct MavlinkOptions {
     pub attitude_sd_deg: f64,
     /// Points `[delta_c, thrust]` from the fraction of maximum thrust to the thrust of a set-point \[-\].
     pub thrust_table: Vec<[f64; 2]>,
-    /// File with the key for signing packets, 64 hexadecimal digits; empty for unsigned packets. Only the bridge reads it, so
-    /// that the key is not part of a recorded configuration.
+    /// File with the key for signing packets, 64 hexadecimal digits; empty for unsigned packets. Only bridge and chain
+    /// read it, so that the key is not part of a recorded configuration.
     pub signing_key_file: String,
 }
 

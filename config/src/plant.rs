@@ -4,7 +4,7 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use oqtal_control::rigid_body::{Inertia, InertiaError};
 use serde::{Deserialize, Serialize};
 
-use crate::airframe::{A_STEP, Airframe, Interface, inertia};
+use crate::airframe::{A_STEP, A_STEP_MS, Airframe, Interface, inertia};
 use crate::disturbance::{DisturbanceKind, TimedDisturbance};
 use crate::plant_wire::PlantWireOptions;
 
@@ -63,8 +63,9 @@ pub struct PlantOptions {
     pub command_loss_burst: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,
-    /// Greatest relative deviation of each of these parameters, and of the rotors', from its value here \[-\]; drawn once per
-    /// seed, uniformly in both directions.
+    /// Greatest relative deviation from their values here \[-\], drawn once per seed, uniformly in both directions, of mass, inertia
+    /// (as a whole), `max_*`, `rate_authority_rad_s`, `rate_lag_ms`, `attitude_gain_per_s`, `thrust_lag_ms`, `command_delay_ms` and
+    /// `drag_per_s`, and of the rotors' arm, thrust and torque coefficients, lag and greatest speed.
     pub spread: f64,
     /// Standard deviation of the gusts' acceleration per axis \[m/s^2, world\].
     pub gust_sd_m_s2: f64,
@@ -190,8 +191,16 @@ impl PlantOptions {
         inertia(&self.inertia_kg_m2)
     }
 
+    /// Whether a bridge commands the vehicle, which is simulated nevertheless: an emulated one at a wire, or a firmware executed as a
+    /// program.
+    pub fn is_behind_bridge(&self) -> bool {
+        !self.wire.link.is_empty() || !self.truth.is_empty()
+    }
+
     pub(crate) fn check(&self) -> Result<(), OptionError> {
         self.airframe().check()?;
+        // The plant's integrator is stable with a lag above 0.36 steps; a spread halves it at most.
+        let lag_ratio = Rule::Between((A_STEP_MS / self.rate_lag_ms).max(0.1), 10.0);
         let own = check_options([
             ("spread", self.spread, Rule::Between(0.0, 0.5)),
             ("hidden-delay-ms", self.hidden_delay_ms, Rule::Between(0.0, 500.0)),
@@ -199,9 +208,9 @@ impl PlantOptions {
             ("command-loss-probability", self.command_loss_probability, Rule::Between(0.0, 0.5)),
             ("command-loss-burst", self.command_loss_burst, Rule::Between(1.0, 1000.0)),
             ("thrust-exponent", self.thrust_exponent, Rule::Between(0.5, 2.0)),
-            ("rate-lag-ratio", self.rate_lag_ratio[0], Rule::Between(0.1, 10.0)),
-            ("rate-lag-ratio", self.rate_lag_ratio[1], Rule::Between(0.1, 10.0)),
-            ("rate-lag-ratio", self.rate_lag_ratio[2], Rule::Between(0.1, 10.0)),
+            ("rate-lag-ratio", self.rate_lag_ratio[0], lag_ratio),
+            ("rate-lag-ratio", self.rate_lag_ratio[1], lag_ratio),
+            ("rate-lag-ratio", self.rate_lag_ratio[2], lag_ratio),
             ("gust-sd-m-s2", self.gust_sd_m_s2, Rule::NotNegative),
             ("gust-time-s", self.gust_time_s, Rule::Positive),
             ("disturbance-spread", self.disturbance_spread, Rule::NotNegative),

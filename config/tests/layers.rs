@@ -91,11 +91,25 @@ fn an_error_names_the_setting_that_made_the_value_impossible() {
     );
     let wired = error(&["plant.wire.link=asctec:/tmp/x", "clock.kind=lockstep"]);
     assert!(wired.contains("`plant.wire.link`") && wired.starts_with("flag 1: "), "{wired}");
+    let firmware = error(&["plant.truth=mavlink:udpin:127.0.0.1:1", "clock.kind=in-process"]);
+    assert!(firmware.contains("`plant.truth`") && firmware.starts_with("flag 1: "), "{firmware}");
+    let unstable = error(&["plant.rate-lag-ms=2", "plant.rate-lag-ratio=[1, 0.4, 1]"]);
+    assert!(unstable.contains("`plant.rate-lag-ratio` is 0.4"), "{unstable}");
+    let late = error(&["mocap.latency-ms=1e300"]);
+    assert!(late.contains("`mocap.latency-ms`") && late.contains("60000"), "{late}");
     // A value that another one made possible is not the cause, and of a key that is set twice the value in effect is named.
     let replaced = error(&["vehicle.mass-kg=5", "vehicle.max-thrust-n=90", "vehicle.mass-kg=10"]);
     assert!(replaced.starts_with("flag 2: with `vehicle.mass-kg` = 10"), "{replaced}");
     let twice = error(&["vehicle.mass-kg=-1", "vehicle.mass-kg=-2"]);
     assert!(twice.starts_with("flag 1: `vehicle.mass-kg` is -2"), "{twice}");
+}
+
+#[test]
+fn faults_act_on_a_firmware_executed_as_a_program_but_not_on_a_real_vehicle() {
+    let real = ["bridge.link=crtp:udp:127.0.0.1:1", "fault.inject=[\"pose:off@1\"]"];
+    assert!(error(&real).contains("fault.with-real-vehicle"));
+    let truth = "plant.truth=crazyflie-sitl:udp:127.0.0.1:2";
+    assert!(set(&[&real[..], &[truth]].concat()).is_ok());
 }
 
 #[test]

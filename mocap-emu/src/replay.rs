@@ -45,9 +45,14 @@ impl Replay {
         Some(self.start + Span::from_nanos(pose.time_ns.cast_signed()))
     }
 
-    /// Playback of the same recording from `start` on.
-    pub fn starting_at(self, start: Time) -> Self {
-        Self { start, ..self }
+    /// Plays the recording from its first pose again, which arrives at `start`.
+    pub fn restart(&mut self, start: Time) {
+        (self.start, self.played) = (start, 0);
+    }
+
+    /// Delays the remaining poses by `pause`.
+    pub fn delay(&mut self, pause: Span) {
+        self.start = self.start + pause;
     }
 
     /// The next pose that has arrived by `now`, one per call; `None` if there is none.

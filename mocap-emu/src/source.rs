@@ -105,7 +105,8 @@ impl<T: Transport> PoseSource for Playback<T> {
 
     fn gather(&mut self, now: Time) -> Result<(), BusError> {
         if self.waiting.is_some() && self.commands.latest()?.is_some() {
-            self.replay = self.waiting.take().map(|replay| replay.starting_at(now));
+            self.replay = self.waiting.take();
+            self.replay.iter_mut().for_each(|replay| replay.restart(now));
         }
         Ok(())
     }

@@ -12,13 +12,11 @@ use oqtal_wire::mavlink::{
     CommandKind, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, VehicleCommandLong,
 };
 
-use crate::socket::{self, PeerSocket};
+use crate::socket::{self, MOST_READ, PeerSocket};
 use crate::truth::TruthPorts;
 
 pub use observer::SimulatorObserver;
 
-/// Maximum number of datagrams read in one turn \[-\].
-const MOST_READ: usize = 64;
 /// Longest datagram that is read \[bytes\].
 const MAX_DATAGRAM: usize = 2048;
 /// MAVLink address of this process: a ground program that does not control the vehicle.

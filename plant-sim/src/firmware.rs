@@ -19,7 +19,7 @@ use oqtal_wire::crazyflie_sitl::{
 };
 
 use crate::disturbance::{DisturbanceClock, SceneDisturbance};
-use crate::socket::{self, PeerSocket};
+use crate::socket::{self, MOST_READ, PeerSocket};
 use crate::truth::TruthPorts;
 use crate::turn::log_skipped;
 use crate::wire::{DatagramModel, LinkDirection, LinkModel};
@@ -27,8 +27,6 @@ use crate::wire::{DatagramModel, LinkDirection, LinkModel};
 pub use body::{BodyOutput, FirmwareBody, InertialSample};
 use clock::BodyClock;
 
-/// Maximum number of datagrams read in one turn from each socket \[-\].
-const MOST_READ: usize = 64;
 /// Maximum number of sensor samples sent in one turn \[-\]: the firmware's queue holds five packets.
 const MOST_IMU: usize = 3;
 /// Addresses of a firmware's body.
@@ -114,7 +112,7 @@ impl FirmwareLink {
     /// Sets the disturbance of body and radio from now on.
     fn disturb(&mut self, disturbance: SceneDisturbance) {
         self.relay.disturb(disturbance.radio);
-        self.body.disturb(disturbance);
+        self.body.disturb(disturbance, self.clock.slip());
     }
 
     fn open(context: &ProcessContext, addresses: BodyAddresses) -> Result<Self, Failure> {

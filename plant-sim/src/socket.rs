@@ -12,6 +12,8 @@ use rustix::io::Errno;
 
 /// Longest wait for datagrams or bytes.
 const LONGEST_WAIT: Span = Span::from_millis(20);
+/// Maximum number of datagrams read in one turn from each socket \[-\].
+pub const MOST_READ: usize = 64;
 
 /// Port to the host of an emulated vehicle.
 pub trait VehiclePort {

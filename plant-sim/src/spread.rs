@@ -7,8 +7,8 @@ use rand::RngExt;
 /// Shortest time constant that the integrator follows \[ms\].
 const LEAST_LAG_MS: f64 = 1.0;
 
-/// Draws the parameters of a vehicle under `seed`: each differs from its value in `nominal` by up to `nominal.spread`, uniformly
-/// in both directions. The inertia is scaled as a whole.
+/// Draws the parameters of a vehicle under `seed`: each of those named at [`PlantOptions::spread`] differs from its value in
+/// `nominal` by up to `nominal.spread`, uniformly in both directions. The inertia is scaled as a whole.
 pub fn drawn(nominal: &PlantOptions, seed: u64) -> PlantOptions {
     let mut spread = Spread { generator: stream(seed, RandomSource::Spread), most: nominal.spread };
     let mut plant = nominal.clone();
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn with_spread_every_parameter_differs_within_bounds_and_repeats_with_the_seed() {
+    fn with_spread_every_drawn_parameter_differs_within_bounds_and_repeats_with_the_seed() {
         let (nominal, spread) = (nominal(0.2), 0.2);
         let parameters = |plant: &PlantOptions| {
             let [roll, pitch, yaw] = plant.rate_authority_rad_s;

@@ -73,10 +73,12 @@ impl BusFlight<'_> {
         wanted.then(|| flight_record::begin(self.mission, self.directory)).transpose()
     }
 
-    /// Fails if another process has the place of one of this flight: it must not be used for it.
+    /// Fails if another process has the place of one of this flight: it must not be used for it. A simulator is refused also
+    /// beside a vehicle and cameras at links: its truth would be recorded as theirs.
     fn refuse_running_processes(&self, bus: &Bus) -> Result<(), Failure> {
         let InstancePaths { instance, .. } = bus.paths();
-        let roles = self.paths.roles(&self.mission.config);
+        let mut roles = self.paths.roles(&self.mission.config);
+        roles.push(Role::Plant);
         for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
             let Some(holder) = bus.holder(&role.health())? else { continue };
             let message = format!(
@@ -112,7 +114,10 @@ impl BusFlight<'_> {
         let lockstep = config.clock.kind == ClockKind::Lockstep;
         let _one_processor = lockstep.then(OneProcessor::bind);
         if lockstep && config.control.controller == ControllerName::External {
-            say(&format!("oqtal: the flight waits for a law at {}", paths.law().display()));
+            say(&format!(
+                "oqtal: the flight begins when a law connects at {}",
+                paths.law().display()
+            ));
         }
         let (flight, interrupts) = ((self.mission, self.paths), self.interrupts);
         let mut processes = ProcessGroup::start(flight, self.directory, interrupts)?;

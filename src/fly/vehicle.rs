@@ -2,10 +2,8 @@
 
 use std::path::Path;
 
-use oqtal_bus::bus::Bus;
-use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{Role, TRUTH};
-use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_bus::time::Span;
+use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
@@ -23,8 +21,6 @@ const FORMS: &str = "expected one of
   bridge:crtp
   bridge:msp
   link:LINK, where LINK is one of";
-/// Time within which a running simulator, which publishes every millisecond, publishes the truth.
-const TRUTH_TIMEOUT: Span = Span::from_millis(500);
 /// Time within which enough reports of the vehicle arrive to confirm that its motors have stopped.
 const REPORTED_WITHIN: Span = Span::from_millis(1500);
 /// Default time within which a vehicle at a link must answer \[s\].
@@ -122,7 +118,7 @@ impl CommandLink {
     /// Path requested by `choice`, or else by the configuration. Completes the configuration accordingly.
     ///
     /// # Errors
-    /// The clock is virtual, or a recording is played (exit code 64); a link is invalid (78); the bus failed.
+    /// The clock is virtual, or a recording is played (exit code 64); a link is invalid (78).
     pub fn open(choice: Option<&VehicleChoice>, config: &mut Config) -> Result<Self, Failure> {
         let path = match choice {
             Some(VehicleChoice::Simulated { .. }) => Self::Bus,
@@ -147,7 +143,7 @@ impl CommandLink {
             );
             return Err(Failure::new(Exit::Usage, message));
         }
-        path.complete(config)?;
+        path.complete(config);
         config.check()?;
         Ok(path)
     }
@@ -190,7 +186,7 @@ impl CommandLink {
         })
     }
 
-    fn complete(&self, config: &mut Config) -> Result<(), Failure> {
+    fn complete(&self, config: &mut Config) {
         match self {
             Self::Bus => {}
             Self::Bridged { bridge, vehicle } => {
@@ -203,15 +199,11 @@ impl CommandLink {
             Self::Linked(link) => {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link.clear();
-                // A vehicle that publishes its truth is emulated, and its poses are its own.
-                config.plant.shadow = config.plant.truth.is_empty() && !is_truth_published(config)?;
-                if !config.plant.shadow {
-                    config.safety.allow_emulated_poses = true;
-                    config.bridge.vehicle_time_out_ms = config.plant.wire.time_out_ms;
-                }
+                // Only a firmware executed as a program has a truth of its own; a shadow supplies that of any other vehicle.
+                config.plant.shadow = config.plant.truth.is_empty();
+                config.safety.allow_emulated_poses |= !config.plant.shadow;
             }
         }
-        Ok(())
     }
 
     /// The path as named in the flight's record, without the path of a temporary link.
@@ -297,25 +289,6 @@ fn checked_path(link: &AsctecLink, path: &Path) -> Result<LinkSpec, Failure> {
     })
 }
 
-/// Whether a simulator on this instance publishes the truth that the emulated cameras need.
-fn is_truth_published(config: &Config) -> Result<bool, Failure> {
-    let bus = Bus::open(&instance_paths(config)?)?;
-    let mut truths = bus.reader(&TRUTH)?;
-    let deadline = Time::now() + TRUTH_TIMEOUT;
-    let published = loop {
-        if truths.latest()?.is_some_and(|(_, truth)| truth.time + TRUTH_TIMEOUT > Time::now()) {
-            break true;
-        }
-        if Time::now() >= deadline {
-            break false;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    };
-    drop(truths);
-    drop(bus);
-    Ok(published)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -347,5 +320,19 @@ mod tests {
             assert!(forms.iter().all(|form| message.contains(form)), "{wrong}: {message}");
         }
         assert!(parse("link:/dev/ttyUSB0").unwrap_err().contains("asctec:PATH"));
+    }
+
+    #[test]
+    fn at_a_link_only_a_firmware_executed_as_a_program_is_flown_by_emulated_poses_unasked() {
+        let path = CommandLink::Linked("asctec:/dev/ttyUSB0".parse().unwrap());
+        let keys = |truth: &str| {
+            let mut config = Config::default();
+            config.plant.truth = truth.to_owned();
+            path.complete(&mut config);
+            let Config { plant, safety, bridge, .. } = config;
+            (plant.shadow, safety.allow_emulated_poses, bridge.vehicle_time_out_ms)
+        };
+        assert_eq!(keys(""), (true, false, 0.0));
+        assert_eq!(keys("mavlink:udpin:127.0.0.1:14551"), (false, true, 0.0));
     }
 }

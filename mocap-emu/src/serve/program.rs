@@ -22,6 +22,8 @@ use crate::scene::SceneName;
 
 /// Interval between lines of status.
 const STATUS_INTERVAL: Span = Span::from_millis(1000);
+/// Lateness of a frame, as after a suspension, above which the motion continues with it, instead of catching up.
+const LONGEST_LAG: Span = Span::from_millis(1000);
 /// Longest sleep, after which the stop flag is checked.
 const LONGEST_SLEEP: Duration = Duration::from_millis(20);
 
@@ -117,7 +119,7 @@ impl ServeArgs {
         let stop = stop_on_signals()?;
         let (feed, network) = open(&options, &bodies, (rate_hz, self.seed))?;
         self.report(&network, &bodies, rate_hz)?;
-        let script = Script::new(recording, self.scene, (rate_hz, Time::now()));
+        let script = Script::new(recording, self.scene, rate_hz);
         let counters = network.counters();
         std::thread::scope(|threads| {
             // Set however the loop ends, also by a panic.
@@ -182,9 +184,12 @@ fn play(
         let frames = counters.frames.load(Ordering::Relaxed);
         say(&format!("{clients} clients, {frames} frames served"));
     };
+    script.resume(Time::now());
     while !stop.is_set() {
         let (due, now) = (script.next_event(), Time::now());
-        if due <= now {
+        if now.since(due) > LONGEST_LAG {
+            script.resume(now);
+        } else if due <= now {
             feed.send(script.frame(bodies));
         } else {
             let wait = Duration::from_nanos(due.since(now).nanos().unsigned_abs());

@@ -11,7 +11,7 @@ use oqtal_wire::betaflight_sitl::{MOTORS_BYTES, read_motors, state_datagram};
 use super::body::{BodyOutput, FirmwareBody, InertialSample};
 use super::clock::BodyClock;
 use crate::disturbance::DisturbanceClock;
-use crate::socket::{self, PeerSocket};
+use crate::socket::{self, MOST_READ, PeerSocket};
 use crate::truth::TruthPorts;
 use crate::turn::log_skipped;
 
@@ -38,10 +38,11 @@ pub fn run(
         socket::wait(&[&socket], clock.next_event(body.next_event()))?;
         ports.beat()?;
         let now = Time::now();
-        body.disturb(disturbances.at(now)?);
+        body.disturb(disturbances.at(now)?, clock.slip());
         log_skipped(body.skip_pause(now - clock.slip()));
         let mut buffer = [0; MOTORS_BYTES + 1];
-        while let Some((length, _)) = socket.receive(&mut buffer)? {
+        for _ in 0..MOST_READ {
+            let Some((length, _)) = socket.receive(&mut buffer)? else { break };
             if let Some(motors) = read_motors(&buffer[..length]) {
                 clock.drive(now, body.time());
                 body.drive(motors);

@@ -72,9 +72,10 @@ impl FirmwareBody {
         self.plant.drive(motors);
     }
 
-    /// Disturbs the body from now on.
-    pub fn disturb(&mut self, disturbance: SceneDisturbance) {
-        self.plant.disturb(disturbance);
+    /// Disturbs the body, whose time lags by `slip`, from now on. The times of disturbances count on its time.
+    pub fn disturb(&mut self, disturbance: SceneDisturbance, slip: Span) {
+        let armed_at = disturbance.armed_at.map(|at| at - slip);
+        self.plant.disturb(SceneDisturbance { armed_at, ..disturbance });
     }
 
     /// Integrates to `until`, and passes the outputs to `out`.

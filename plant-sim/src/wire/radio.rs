@@ -26,6 +26,9 @@ const BITS_PER_BYTE: u64 = 10;
 const LONGEST_FRAME: usize = 100;
 /// High-water mark of the send queue; above it the sender is paused.
 const BACKLOG: Span = Span::from_millis(50);
+/// Longest time for which a frame of the vehicle waits for its transmission. The vehicle cannot be paused: a host that requests more
+/// replies than the radio transmits loses the excess.
+const LONGEST_WAIT: Span = Span::from_millis(1000);
 
 /// Model of the radio.
 #[derive(Clone, Debug)]
@@ -75,7 +78,13 @@ impl LinkModel for RadioModel {
     fn send(&mut self, direction: LinkDirection, now: Time, bytes: &[u8]) {
         for frame in bytes.chunks(LONGEST_FRAME) {
             let start = now.max(self.free_at(direction));
-            self.lanes[direction as usize].send(start, self.byte, frame);
+            let lane = &mut self.lanes[direction as usize];
+            if direction == LinkDirection::Down && start > now + LONGEST_WAIT {
+                lane.traffic.frames += 1;
+                lane.traffic.lost += 1;
+            } else {
+                lane.send(start, self.byte, frame);
+            }
         }
     }
 
@@ -156,7 +165,8 @@ impl Lane {
     fn receive(&mut self, sent_by: Time, byte: Span, out: &mut Vec<u8>) {
         while let Some(frame) = self.frames.front_mut() {
             let sent = (sent_by.since(frame.start).nanos() / byte.nanos()).max(0) as usize;
-            let fresh = sent.min(frame.bytes) - frame.arrived;
+            // A delay that has grown since withdraws no byte.
+            let fresh = sent.min(frame.bytes).saturating_sub(frame.arrived);
             frame.arrived += fresh;
             let (lost, whole) = (frame.lost, frame.arrived == frame.bytes);
             let bytes = self.bytes.drain(..fresh);

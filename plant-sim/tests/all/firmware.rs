@@ -2,9 +2,10 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, RotorLayout};
+use oqtal_plant_sim::SceneDisturbance;
 use oqtal_plant_sim::firmware::{BodyOutput, FirmwareBody, InertialSample};
 
-use crate::START;
+use crate::{START, calm};
 
 /// Standard gravity \[m/s^2\].
 const G: f64 = 9.80665;
@@ -143,4 +144,19 @@ fn a_linear_share_of_the_thrust_lifts_at_less_power() {
         body.plant().truth().velocity[2]
     };
     assert!(thrust_at_half(0.5) > thrust_at_half(1.0));
+}
+
+/// The body has waited 40 ms for its firmware before the motors were armed.
+#[test]
+fn a_disturbance_is_not_late_by_the_time_for_which_the_body_has_waited() {
+    let mut config = calm(&[("plant.disturb", toml::Value::from(vec!["force@0.1+0.01=0,0,30N"]))]);
+    config.plant.drag_per_s = 0.0;
+    let mut body = FirmwareBody::new(&config, START);
+    let slip = Span::from_millis(40);
+    let armed_at = Some(START + slip);
+    body.disturb(SceneDisturbance { armed_at, ..SceneDisturbance::default() }, slip);
+    body.advance(START + Span::from_millis(99), |_| {});
+    assert_eq!(body.plant().truth().velocity[2], 0.0);
+    body.advance(START + Span::from_millis(110), |_| {});
+    assert!(body.plant().truth().velocity[2] > 0.4);
 }

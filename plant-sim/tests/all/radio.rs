@@ -3,6 +3,7 @@
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, PlantWireOptions};
 use oqtal_plant_sim::wire::{LinkDirection, LinkModel, RadioModel};
+use oqtal_runtime::faults::RadioDisturbance;
 use proptest::prelude::*;
 
 const BAUD: u32 = 57_600;
@@ -37,6 +38,30 @@ fn a_command_arrives_whole_after_its_bytes_and_the_latency() {
     assert_eq!(received(&mut radio, LinkDirection::Up, arrival - Span::from_nanos(1)).len(), 16);
     assert_eq!(received(&mut radio, LinkDirection::Up, arrival).len(), 1);
     assert_eq!(radio.next_arrival(LinkDirection::Up), None);
+}
+
+#[test]
+fn a_delay_that_grows_within_a_frame_postpones_the_rest_of_it() {
+    let mut radio = radio(|_| {});
+    radio.send(LinkDirection::Up, at(0), &[1; 17]);
+    let half = at(17_000 + 1_500);
+    assert_eq!(received(&mut radio, LinkDirection::Up, half).len(), 8);
+    let delay = Span::from_millis(10);
+    radio.disturb(RadioDisturbance { delay, ..RadioDisturbance::default() });
+    assert_eq!(received(&mut radio, LinkDirection::Up, half).len(), 0);
+    assert_eq!(received(&mut radio, LinkDirection::Up, half + delay).len(), 0);
+    assert_eq!(received(&mut radio, LinkDirection::Up, at(LATE)).len(), 9);
+}
+
+#[test]
+fn replies_that_would_wait_for_more_than_a_second_are_lost() {
+    let mut radio = radio(|options| options.half_duplex = false);
+    for _ in 0..1000 {
+        radio.send(LinkDirection::Down, at(0), &[1; 100]);
+    }
+    let traffic = radio.traffic(LinkDirection::Down);
+    assert_eq!((traffic.frames, traffic.frames - traffic.lost), (1000, 58));
+    assert_eq!(received(&mut radio, LinkDirection::Down, at(LATE)).len(), 5800);
 }
 
 #[test]

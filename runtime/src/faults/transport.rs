@@ -36,8 +36,8 @@ impl<T: Transport> FaultyTransport<T> {
     /// The transport failed.
     pub fn new(bus: &Rc<T>, config: &Config) -> Result<Self, BusError> {
         let options = &config.fault;
-        // An emulated vehicle behind a bridge is simulated, although the bridge reports a real vehicle.
-        let any_vehicle = options.with_real_vehicle || !config.plant.wire.link.is_empty();
+        // A bridge reports a vehicle as real, also an emulated one or a firmware executed as a program.
+        let any_vehicle = options.with_real_vehicle || config.plant.is_behind_bridge();
         let faults = match options.inject.is_empty() {
             true => None,
             false => Some(Faults {

@@ -3,15 +3,14 @@
 use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::ThrustCurve;
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{AttitudeTarget, SetpointKind};
 
-use crate::wire::command::{attitude_command, rate_command};
-
-const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+use crate::wire::command::{angles, attitude_command, rate_command};
 
 /// Height below which the vehicle may have landed \[m\].
 const FLOOR_M: f64 = 0.05;
@@ -92,7 +91,7 @@ impl SetpointFollower {
     /// Command for running motors: by set-points if `follows`, otherwise by the autopilot.
     pub(super) fn command(&self, now: Time, truth: &TruthV1, follows: bool) -> CommandV1 {
         match &self.newest {
-            Some((_, target)) if follows => self.flight(target),
+            Some((_, target)) if follows => self.flight(target, truth),
             // Armed and not yet flown: the rotors idle.
             None => self.level(truth, 0.0),
             Some(_) if self.has_landed(now) => self.level(truth, 0.0),
@@ -101,25 +100,52 @@ impl SetpointFollower {
         }
     }
 
-    fn flight(&self, target: &AttitudeTarget) -> CommandV1 {
+    fn flight(&self, target: &AttitudeTarget, truth: &TruthV1) -> CommandV1 {
         let thrust = self.thrust.delta(target.thrust);
         match target.kind {
             SetpointKind::Rates(rates) if !self.holds_attitude => {
                 rate_command(rates, self.authority, thrust)
             }
             // A vehicle whose interface is the attitude stays level if it receives rates.
-            SetpointKind::Rates(_) => attitude_command(LEVEL, thrust),
+            SetpointKind::Rates(_) => self.level(truth, thrust),
             SetpointKind::Attitude { attitude, .. }
             | SetpointKind::AttitudeAndRates { attitude, .. } => attitude_command(attitude, thrust),
         }
     }
 
-    /// Level at this thrust.
+    /// Level at the present heading and at this thrust.
     fn level(&self, truth: &TruthV1, thrust: f64) -> CommandV1 {
         if self.holds_attitude {
-            return attitude_command(LEVEL, thrust);
+            let EulerAngles { yaw, .. } = angles(truth.attitude);
+            return attitude_command(EulerAngles { yaw, ..EulerAngles::default() }.xyzw(), thrust);
         }
         let [x, y, ..] = truth.attitude;
         rate_command([-2.0 * LEVELLING * x, -2.0 * LEVELLING * y, 0.0], self.authority, thrust)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_wire::mavlink::MavlinkAddress;
+
+    use super::*;
+
+    #[test]
+    fn a_vehicle_that_holds_attitudes_levels_at_its_heading() {
+        let mut config = Config::default();
+        config.plant.interface = Interface::Attitude;
+        let mut follower = SetpointFollower::new(&config, AutopilotKind::Px4).unwrap();
+        let now = Time::VIRTUAL_START;
+        let attitude = EulerAngles { roll: 0.2, pitch: -0.1, yaw: 2.0 }.xyzw();
+        let truth = TruthV1 { attitude, ..TruthV1::default() };
+        let is_level = |command: CommandV1| {
+            let EulerAngles { roll, pitch, yaw } = angles(command.attitude);
+            assert!(roll.abs() < 1e-9 && pitch.abs() < 1e-9 && (yaw - 2.0).abs() < 1e-9, "{yaw}");
+        };
+        is_level(follower.command(now, &truth, false));
+        let (kind, target) = (SetpointKind::Rates([0.0; 3]), MavlinkAddress::default());
+        follower.take(now, &AttitudeTarget { target, time_ms: 0, kind, thrust: 0.5 });
+        is_level(follower.command(now, &truth, true));
+        is_level(follower.command(now, &truth, false));
     }
 }
