@@ -10,7 +10,8 @@ Usage: deploy/install.sh [--binary FILE] [--prefix DIR] [--root DIR]
   --binary FILE  the program to install (default: target/release/oqtal beside this directory)
   --prefix DIR   /usr/local (the default) or /usr: systemd looks for units nowhere else
   --root DIR     put the files under DIR, for a package: nothing is started, stopped or registered
-  --uninstall    stop the services and remove every file, including the configuration; the user if an installation created it
+  --uninstall    stop the services and remove every file, including the configuration and drop-ins; the user if an installation
+                 created it
 TEXT
 }
 
@@ -170,6 +171,8 @@ register() {
 unregister() {
     for unit in "$units"/oqtal-*; do
         [ -e "$unit" ] || continue
+        # First, since a masked unit cannot be disabled: removes masks and drop-ins of an operator.
+        systemctl --quiet revert "$(basename "$unit")" || true
         systemctl --quiet disable --now "$(basename "$unit")" || true
     done
 }
@@ -196,9 +199,9 @@ remove_files() {
 
 # Removes the run-time files of the services. A failure here does not prevent the other steps.
 forget() { # whether an installation created the user: yes or no
-    rm -rf /run/oqtal
+    rm -rf /run/oqtal /var/cache/oqtal
     # Selected by owner: other users may have instances.
-    if id oqtal >/dev/null 2>&1; then find /dev/shm -maxdepth 1 -user oqtal -name 'oqtal_*' -delete || true; fi
+    if id oqtal >/dev/null 2>&1; then find /dev/shm -maxdepth 1 -user oqtal -name 'oqtal_*' -exec rm -rf {} + || true; fi
     systemctl daemon-reload || true
     systemctl reset-failed 'oqtal-*' 2>/dev/null || true
     if command -v udevadm >/dev/null 2>&1; then udevadm control --reload 2>/dev/null || true; fi

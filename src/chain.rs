@@ -51,10 +51,11 @@ fn check(config: &Config) -> Result<(), Failure> {
 /// Flies with the poses of a camera system until a stop is requested.
 fn run(context: &ProcessContext) -> Result<(), Failure> {
     check(&context.config)?;
-    let (borrower, writer) = borrow(context)?;
     let cameras = context.of_part(Role::Receiver);
     let ReceiverParts { turn, descriptor, connector, buses: _buses } =
         oqtal_receiver::open(&cameras)?;
+    // Last: a bridge that starts waits for its port a shorter time than a connection to the cameras may take.
+    let (borrower, writer) = borrow(context)?;
     let period = Span::period_of(context.config.control.rate_hz);
     let awake = AwakeInterval::of(&context.config, context.role);
     let clock = LoopClock::polled(descriptor, context.stop.clone())
@@ -62,7 +63,6 @@ fn run(context: &ProcessContext) -> Result<(), Failure> {
         .awake_in(awake);
     with_background(
         &cameras,
-        // Before the cameras, whose connection may take long.
         || Ok((borrower, connector)),
         || oqtal_daemon::run_behind(context, turn, |_| Ok(clock), Some(Box::new(writer))),
     )

@@ -14,9 +14,10 @@ use oqtal_config::Config;
 use oqtal_runtime::actuation::actuation_of;
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
-use oqtal_runtime::packet_socket::{connect, is_connected, receive};
+use oqtal_runtime::packet_socket::{connect, is_connected, receive, send};
 use oqtal_runtime::process::{Exit, Failure};
 
+use crate::options;
 use crate::protocol::VehicleProtocol;
 use crate::safety::is_flight;
 use crate::setpoint::VehicleSetpoint;
@@ -39,11 +40,11 @@ pub struct BorrowedPort {
 impl BorrowedPort {
     /// Writes the set-point of the command `sequence`, if the port is offered.
     fn write(&mut self, sequence: u64, command: &CommandV1) {
-        let now = Time::now();
         if !is_flight(command, self.accepts) {
             return;
         }
-        let Some(encoder) = self.lease.take(now, sequence) else { return };
+        let Some(encoder) = self.lease.take(Time::now, sequence) else { return };
+        let now = Time::now();
         self.protocol.continue_encoder(&encoder);
         let frame = self.protocol.setpoint(now, &VehicleSetpoint::Fly(*command));
         let length = frame.bytes().len();
@@ -126,13 +127,15 @@ impl BackgroundWorker for PortBorrower {
     }
 }
 
-/// The connection to the bridge at `path`, and its port.
+/// The connection to the bridge at `path`, and its port. The bridge refuses a chain that signs packets with another key.
 fn borrow(path: &Path, config: &Config) -> Result<(OwnedFd, BorrowedPort), Failure> {
     let peer = |reason: String| Failure::new(Exit::Peer, reason);
     let connection = connect(path).map_err(|error| {
         peer(format!("no bridge lends its port at {}: {error}", path.display()))
     })?;
-    let (text, descriptors) = receive(&connection, ANSWER_TIMEOUT_MS)
+    let key = options::key_fingerprint(config).map_err(|error| config.locate(&error))?;
+    let (text, descriptors) = send(&connection, &key, &[])
+        .and_then(|()| receive(&connection, ANSWER_TIMEOUT_MS))
         .map_err(|error| peer(format!("the bridge at {}: {error}", path.display())))?;
     let Ok([port, lease]) = <[OwnedFd; 2]>::try_from(descriptors) else { return Err(peer(text)) };
     let lease = PortLease::of_file(File::from(lease))

@@ -2,6 +2,7 @@
 //! replies. Pure: bytes and time are arguments.
 
 mod due;
+mod ending;
 mod lent;
 mod report;
 
@@ -333,23 +334,11 @@ impl Bridge {
     }
 
     /// Begins a zero set-point for any command; nothing if another has control.
-    pub fn begin_zero_setpoint(&mut self, now: Time) {
+    fn begin_zero_setpoint(&mut self, now: Time) {
         if !self.gate.is_released() {
             let frame = self.protocol.setpoint(now, &VehicleSetpoint::Zero);
             self.begin(now, FrameKind::Setpoint(None), &frame);
         }
-    }
-
-    /// Begins the frame that stops motors possibly started by this bridge, before the bridge ends; returns whether a frame was
-    /// begun.
-    pub fn begin_final_emergency_stop(&mut self, now: Time) -> bool {
-        let is_ours = self.gate.may_run() && self.gate.may_stop_at_once();
-        let needed = self.is_open && self.has_emergency_stop && is_ours;
-        if needed {
-            let frame = self.protocol.final_stop();
-            self.begin(now, FrameKind::EmergencyStop, &frame);
-        }
-        needed
     }
 
     /// Time until everything handed over has left.

@@ -8,7 +8,7 @@ use std::os::fd::BorrowedFd;
 use oqtal_runtime::process::{Exit, Failure};
 
 /// Port that can be opened.
-pub trait PortOptions: Debug + Send {
+pub trait PortOptions: Debug + Send + Sync {
     /// Opens the port. May take long: not for the real-time thread.
     ///
     /// # Errors
@@ -101,7 +101,9 @@ pub enum PortOpenError {
         version: u16,
     },
     /// Another process has locked the port.
-    #[error("{path} is used by another process, perhaps a second bridge; stop that one first")]
+    #[error(
+        "{path} is used by another process, perhaps a second bridge or `oqtal chain`; stop that one first"
+    )]
     Busy {
         /// Path of the port.
         path: String,
@@ -114,7 +116,7 @@ pub enum PortOpenError {
     },
     /// Another program listens at the address.
     #[error(
-        "{address} is used by another program on this machine, perhaps a second bridge or a ground station; stop that one, or \
+        "{address} is used by another program on this machine, perhaps a second bridge, `oqtal chain` or a ground station; stop that one, or \
          name another port"
     )]
     AddressInUse {

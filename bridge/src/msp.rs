@@ -7,7 +7,10 @@
 //! The arming switch has a level: it is on while this bridge starts the motors and while they run, and off in every other set-point.
 //! While a reason prevents arming it is off, too, because Betaflight arms only at the change.
 //!
-//! No set-point is sent until the settings are known. Every set-point is acknowledged; `backlog.rs` counts those that wait.
+//! No set-point is sent until the settings are known. A vehicle that restarts may have others, and no reply of Betaflight reveals a
+//! short restart: while the motors are off the settings are read again every second, and once more before they start.
+//!
+//! Every set-point is acknowledged; `backlog.rs` counts those that wait.
 
 mod backlog;
 mod settings;
@@ -45,6 +48,8 @@ const STATUS_SPACING: Span = Span::from_millis(50);
 const BATTERY_PERIOD: Span = Span::from_millis(1000);
 /// Time after which a request of the settings is repeated.
 const REPEAT: Span = Span::from_millis(250);
+/// Age at which the settings of a vehicle with stopped motors are read again.
+const SETTINGS_AGE: Span = Span::from_millis(1000);
 /// Time of a start sequence after which reasons that prevent arming are reported: before, they end by themselves.
 const REFUSED_AFTER: Span = Span::from_millis(1000);
 /// Lengths of the longest reply in flight, the status, and of a set-point \[bytes\].
@@ -72,6 +77,8 @@ pub struct Msp {
     /// Rates of a full stick of a command \[rad/s\].
     authority: [f64; 3],
     thrust: ThrustCurve,
+    /// `safety.vehicle-time-out-ms`; `None` for any time-out.
+    longest_time_out: Option<Span>,
     decoder: MspDecoder,
     settings: MspSettings,
     status: Option<MspStatus>,
@@ -108,10 +115,12 @@ impl Msp {
             );
             return Err(OptionError::new("control.rate-hz", config.control.rate_hz, rule));
         }
+        let time_out_ms = config.safety.vehicle_time_out_ms;
         Ok(Self {
             rates: full_rates(config)?,
             authority: config.vehicle.rate_authority_rad_s,
             thrust: options::thrust_curve("msp", &config.bridge.msp.thrust_table)?,
+            longest_time_out: time_out_ms.is_finite().then(|| millis(time_out_ms)),
             decoder: MspDecoder::new(),
             settings: MspSettings::default(),
             status: None,
@@ -147,13 +156,30 @@ impl Msp {
         self.status.is_some_and(|status| status.is_armed())
     }
 
+    /// Name of the first setting with which the motors are not started. The time of the failsafe is compared here, too: the daemon
+    /// has compared the one that was read before the start.
+    fn deviation(&self) -> Option<&'static str> {
+        let time_out = self.settings.time_out();
+        let is_soon = |longest| time_out.is_some_and(|time_out| time_out <= longest);
+        let acts = self.longest_time_out.is_none_or(is_soon);
+        let name = if time_out.is_some() { "failsafe_delay" } else { "failsafe_procedure" };
+        self.settings.deviation(self.rates).or((!acts).then_some(name))
+    }
+
+    /// Instant since which the settings are to be read at `now`, if they were read before.
+    fn settings_since(&self, now: Time) -> Time {
+        let at_rest = if self.is_armed() { Time::UNSET } else { now - SETTINGS_AGE };
+        self.started_at.unwrap_or(at_rest)
+    }
+
     /// Moves the arming switch for a set-point that is sent at `now`.
     fn switch(&mut self, now: Time, setpoint: &VehicleSetpoint) {
         self.is_on = match setpoint {
             VehicleSetpoint::StartMotors => {
-                self.started_at.get_or_insert(now);
+                let since = *self.started_at.get_or_insert(now);
+                let is_read = self.settings.unread_since(since).is_none();
                 let is_free = self.status.is_some_and(|status| status.obstacles == 0);
-                is_free && self.settings.deviation(self.rates).is_none()
+                is_read && is_free && self.deviation().is_none()
             }
             VehicleSetpoint::StopMotors => false,
             // Motors that somebody else started, or that stopped by themselves, are not switched on.
@@ -201,7 +227,7 @@ impl Msp {
                 }
             }
             _ => {
-                self.settings.take(packet);
+                self.settings.take(now, packet);
                 self.setting_timer.restart();
                 let is_named = !self.settings.payload(command::FIRMWARE).is_empty();
                 if is_named && !self.settings.is_betaflight() {
@@ -232,7 +258,7 @@ impl Msp {
     /// Reason why the vehicle does not arm.
     fn obstacle(&self, status: &MspStatus, is_overridden: bool) -> Option<&'static str> {
         let switched = (!is_overridden).then_some("MSP OVERRIDE off");
-        let deviation = self.settings.deviation(self.rates);
+        let deviation = self.deviation();
         let mode = self.settings.other_mode(status.modes);
         deviation.or(switched).or(mode).or_else(|| arming_obstacle(status))
     }
@@ -242,7 +268,7 @@ impl Msp {
         let Some(name) = obstacle else { return };
         reply(VehicleReply::Refused(VehicleRefusal::Arming));
         if self.last_reported.replace(name) != Some(name) {
-            let is_setting = self.settings.deviation(self.rates) == Some(name);
+            let is_setting = self.deviation() == Some(name);
             let hint = if is_setting { ": run oqtal bridge setup" } else { "" };
             let mut text = [0; 56];
             // A longer text is cut.
@@ -290,7 +316,11 @@ impl VehicleProtocol for Msp {
                 Some(command::STATUS)
             }
             None if self.status_timer.is_due(now, false) => Some(command::STATUS),
-            None => self.battery_timer.is_due(now, false).then_some(command::BATTERY),
+            None if self.battery_timer.is_due(now, false) => Some(command::BATTERY),
+            None => {
+                let old = self.settings.unread_since(self.settings_since(now));
+                old.filter(|_| self.setting_timer.is_due(now, false))
+            }
         };
         due.map(|number| {
             if number == command::STATUS {
@@ -313,6 +343,10 @@ impl VehicleProtocol for Msp {
     fn emergency_stop(&mut self) -> VehicleFrame {
         self.is_on = false;
         self.ready().map_or(VehicleFrame::EMPTY, |map| self.channels(map, MspSticks::ZERO))
+    }
+
+    fn end_flight(&mut self) {
+        self.is_on = false;
     }
 
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {

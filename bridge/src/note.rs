@@ -1,6 +1,7 @@
 //! Events of the bridge that are logged.
 
 use oqtal_bus::code::VehicleRefusal;
+use oqtal_wire::link::LinkSpec;
 
 use crate::motors::MotorEvent;
 use crate::protocol::VehicleText;
@@ -32,18 +33,19 @@ pub enum Note {
 }
 
 impl Note {
-    /// Writes the event to the log.
-    pub fn log(self) {
+    /// Writes the event of the vehicle at `link` to the log.
+    pub fn log(self, link: &LinkSpec) {
         match self {
             Self::Answering => tracing::info!("the vehicle answers"),
             Self::Silent { damaged } => tracing::warn!(
                 damaged,
-                "the vehicle is silent: is it switched on? An AscTec vehicle also needs its serial interface enabled on the remote control"
+                "the vehicle is silent: is it switched on?{}",
+                silence_hint(link)
             ),
             Self::Replaced => tracing::warn!(
                 "another vehicle answers in place of the silent one: name the right one in `bridge.link`, as with `,system=N`"
             ),
-            Self::Motors(event) => log_motors(event),
+            Self::Motors(event) => log_motors(event, link),
             Self::CommandRejected => tracing::warn!(
                 "a command was older than `bridge.command-timeout-periods` and was not sent; nor are others like it"
             ),
@@ -62,14 +64,34 @@ impl Note {
     }
 }
 
-fn log_motors(event: MotorEvent) {
+/// Further cause of silence of the vehicle at `link`; empty without one.
+fn silence_hint(link: &LinkSpec) -> &'static str {
+    match link {
+        LinkSpec::Asctec(_) => " It also needs its serial interface enabled on the remote control",
+        LinkSpec::Mavlink(_) | LinkSpec::Crtp(_) | LinkSpec::Msp(_) => "",
+    }
+}
+
+/// Remedy for motors of the vehicle at `link` that did not start; empty without one.
+fn start_hint(link: &LinkSpec) -> &'static str {
+    match link {
+        LinkSpec::Asctec(_) => ". Check `bridge.asctec.motor-yaw-counts` and the remote control",
+        LinkSpec::Mavlink(_) => {
+            ". An autopilot needs 6000 ms, as the presets ardupilot-quad and px4-quad give it"
+        }
+        LinkSpec::Crtp(_) | LinkSpec::Msp(_) => "",
+    }
+}
+
+fn log_motors(event: MotorEvent, link: &LinkSpec) {
     match event {
         MotorEvent::Starting => tracing::info!("motors are being started"),
         MotorEvent::Running => tracing::info!("motors run"),
         MotorEvent::Stopping => tracing::info!("motors are being stopped"),
         MotorEvent::Stopped => tracing::info!("motors have stopped"),
         MotorEvent::StartFailed => tracing::warn!(
-            "motors did not start within `bridge.motor-sequence-ms`: zero set-point until disarmed; see what the vehicle says. An autopilot of MAVLink needs 6000 ms, as the presets ardupilot-quad and px4-quad give it; for AscTec check `bridge.asctec.motor-yaw-counts` and the remote control"
+            "motors did not start within `bridge.motor-sequence-ms`: zero set-point until disarmed; see what the vehicle says{}",
+            start_hint(link)
         ),
         MotorEvent::StopFailed => {
             tracing::warn!("motors did not stop: zero set-point; stop them by the remote control")
@@ -87,5 +109,22 @@ fn log_motors(event: MotorEvent) {
         MotorEvent::StopWithheld => tracing::warn!(
             "a pilot or the vehicle itself has control: the operator's stop is not sent; only the remote control stops the motors. It is sent if control is given back"
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hints_are_those_of_the_protocol_of_the_link() {
+        let hints = |link: &str| {
+            let link: LinkSpec = link.parse().unwrap();
+            [silence_hint(&link), start_hint(&link)].map(|hint| !hint.is_empty())
+        };
+        assert_eq!(hints("asctec:/dev/ttyUSB0"), [true, true]);
+        assert_eq!(hints("mavlink:udpin:127.0.0.1:14550"), [false, true]);
+        assert_eq!(hints("crtp:udp:127.0.0.1:19850"), [false, false]);
+        assert_eq!(hints("msp:tcp:127.0.0.1:5761"), [false, false]);
     }
 }

@@ -220,6 +220,10 @@ pub trait VehicleProtocol: Debug + Send {
     /// Encodes the command that stops the motors at once.
     fn emergency_stop(&mut self) -> VehicleFrame;
 
+    /// Ends the flight of a bridge that ends while motors may run: its last zero set-points are encoded, then
+    /// [`VehicleProtocol::final_stop`].
+    fn end_flight(&mut self) {}
+
     /// Encodes what ends the set-points of a bridge that ends while motors may run, behind zero set-points: the emergency stop, unless
     /// the vehicle has something milder.
     fn final_stop(&mut self) -> VehicleFrame {

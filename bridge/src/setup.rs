@@ -8,7 +8,7 @@ use oqtal_wire::link::{AsctecLink, CrtpLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
-use crate::background::Chore;
+use crate::chore::Chore;
 use crate::crtp::{Crtp, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;

@@ -102,7 +102,7 @@ impl<T: Transport> Turn for BridgeTurn<T> {
     fn shut_down<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         self.evict_tenant(clock);
         for _ in 0..FINAL_FRAMES {
-            self.bridge.begin_zero_setpoint(clock.now());
+            self.bridge.begin_final_zero_setpoint(clock.now());
             let _ = self.write_outbox(clock);
         }
         if self.bridge.begin_final_emergency_stop(clock.now()) {

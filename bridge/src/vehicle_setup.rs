@@ -18,9 +18,15 @@ pub fn set_up(config: &Config, spec: &LinkSpec, apply: bool) -> Result<(String, 
     match spec {
         LinkSpec::Mavlink(link) => mavlink::set_up(config, (spec, link), apply),
         LinkSpec::Msp(_) => msp::set_up(config, spec, apply),
-        LinkSpec::Asctec(_) | LinkSpec::Crtp(_) => {
+        LinkSpec::Asctec(_) => {
             let message = format!(
-                "{spec}: only vehicles of MAVLink and Betaflight have parameters that are set up; those of a Crazyflie are set by the bridge whenever it connects"
+                "{spec}: a vehicle of AscTec has no parameters that are set up; find its time-out without set-points on the table and set `bridge.vehicle-time-out-ms`, as docs/operations.md describes"
+            );
+            Err(Failure::new(Exit::Usage, message))
+        }
+        LinkSpec::Crtp(_) => {
+            let message = format!(
+                "{spec}: the bridge sets the parameters of a Crazyflie whenever it connects"
             );
             Err(Failure::new(Exit::Usage, message))
         }

@@ -164,3 +164,41 @@ fn a_flight_requested_while_the_motors_are_being_stopped_begins_after_the_stop()
         }
     }
 }
+
+/// No silence reveals the restart: the new vehicle answers the next frame.
+#[test]
+fn f72_a_vehicle_that_was_restarted_is_not_flown_by_what_was_read_before() {
+    for (protocol, restarted, flies) in [
+        (msp::PROTOCOL, msp::with_failsafe(20), false),
+        (msp::PROTOCOL, msp::with_failsafe(5), true),
+        (crtp::PROTOCOL, crtp::vehicle(), true),
+    ] {
+        let mut exchange = Exchange::new(&protocol);
+        (0..300).for_each(|_| exchange.happen(&Happening::DISARMED, 1).unwrap());
+        exchange.vehicle = restarted;
+        (0..300).for_each(|_| exchange.happen(&Happening::FLIGHT, 1).unwrap());
+        assert_eq!(exchange.flights() > 0, flies, "{}", protocol.name);
+    }
+}
+
+#[test]
+fn f72_a_restart_that_lengthens_the_time_out_is_reported_within_two_seconds() {
+    let mut exchange = Exchange::new(&msp::PROTOCOL);
+    (0..300).for_each(|_| exchange.happen(&Happening::DISARMED, 1).unwrap());
+    let tenths = |exchange: &mut Exchange| (exchange.time_out_s() * 10.0).round();
+    assert_eq!(tenths(&mut exchange), 3.0);
+    exchange.vehicle = msp::with_failsafe(10);
+    (0..120).for_each(|_| exchange.happen(&Happening::DISARMED, 1).unwrap());
+    assert_eq!(tenths(&mut exchange), 10.0);
+}
+
+/// Also a vehicle that obeys only several frames in a row.
+#[test]
+fn f33_the_motors_are_off_after_the_last_frames_of_a_bridge() {
+    for protocol in [mavlink::ARDUPILOT, mavlink::PX4, msp::PROTOCOL] {
+        let mut exchange = Exchange::new(&protocol);
+        exchange.until_airborne().unwrap();
+        exchange.end().unwrap();
+        assert!(!exchange.vehicle.motors_on(), "{}", protocol.name);
+    }
+}

@@ -185,7 +185,7 @@ impl Tenancy {
 
     /// The tenant's step behind it.
     fn transmit(&mut self) {
-        let Some(encoder) = self.lease.take(self.now, self.sequence) else { return };
+        let Some(encoder) = self.lease.take(|| self.now, self.sequence) else { return };
         let command = VehicleSetpoint::Fly(numbered(self.sequence));
         let frame = self.protocol.setpoint(self.now, &command);
         self.lease.begin(self.sequence, frame.bytes().len(), &encoder);
@@ -268,7 +268,7 @@ fn f15_a_tenant_that_hangs_in_a_frame_is_killed_and_the_set_point_is_zero() {
     let mut hung = Command::new("sleep").arg("600").spawn().unwrap();
     let mut tenancy = Tenancy::airborne_with(Pid::from_child(&hung));
     tenancy.publish(numbered);
-    tenancy.lease.take(tenancy.now, tenancy.sequence).expect("the port is offered");
+    tenancy.lease.take(|| tenancy.now, tenancy.sequence).expect("the port is offered");
     let sent = tenancy.setpoints.len();
     (0..200).for_each(|_| tenancy.millisecond(true));
     assert_eq!(hung.wait().unwrap().signal(), Some(Signal::KILL.as_raw()));

@@ -188,6 +188,8 @@ code! {
         CalledOff = 46 => "called off by a later stop, landing or disarming",
         /// No external law is connected.
         NoLaw = 47 => "no law is connected",
+        /// In the health of a receiver: the camera system has no body of this name.
+        NoBody = 48 => "no such body",
     }
 }
 

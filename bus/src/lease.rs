@@ -133,13 +133,14 @@ impl PortLease {
         words::offer(self.state());
     }
 
-    /// The tenant's: takes the port for the command `sequence` at `now` and returns the state of the encoder; `None` if the port is not
-    /// offered, or if this command, or a later one, was written.
-    pub fn take(&self, now: Time, sequence: u64) -> Option<EncoderState> {
+    /// The tenant's: takes the port for the command `sequence` and returns the state of the encoder; `None` if the port is not offered
+    /// at `now`, or if this command, or a later one, was written. `now` is read while the port is taken: a tenant that was suspended
+    /// before it took the port finds that the window has passed.
+    pub fn take(&self, now: impl FnOnce() -> Time, sequence: u64) -> Option<EncoderState> {
         if !words::take(self.state()) {
             return None;
         }
-        let now = micros(now);
+        let now = micros(now());
         let is_open = !is_after(self.load(NOT_BEFORE), now) && is_after(self.load(NOT_AFTER), now);
         if is_open && is_after(low(sequence), self.load(NEWEST)) {
             return Some(self.encoder());
@@ -198,7 +199,7 @@ mod tests {
         let owner = PortLease::create().unwrap();
         let file = File::from(owner.descriptor().try_clone_to_owned().unwrap());
         let tenant = PortLease::of_file(file).unwrap();
-        assert_eq!(tenant.take(at(20), 6), None, "closed at first");
+        assert_eq!(tenant.take(|| at(20), 6), None, "closed at first");
         owner.offer([at(10), at(60)], 5, &ENCODER_STATE);
         [owner, tenant]
     }
@@ -207,9 +208,9 @@ mod tests {
     fn a_tenant_writes_newer_commands_within_the_window() {
         let [owner, tenant] = offered();
         for (millis, sequence) in [(9, 6), (60, 6), (61, 6), (20, 5), (20, 4)] {
-            assert_eq!(tenant.take(at(millis), sequence), None, "{millis} {sequence}");
+            assert_eq!(tenant.take(|| at(millis), sequence), None, "{millis} {sequence}");
         }
-        assert_eq!(tenant.take(at(20), 6), Some(ENCODER_STATE));
+        assert_eq!(tenant.take(|| at(20), 6), Some(ENCODER_STATE));
         assert_eq!(owner.close(), None, "it is writing");
         tenant.begin(6, 17, &[8; ENCODER_WORDS]);
         tenant.end(at(21), true);
@@ -217,26 +218,36 @@ mod tests {
         let expected =
             LastWritten { sequence: 6, at: at(21), bytes: 17, encoder: [8; ENCODER_WORDS] };
         assert_eq!(owner.last_written(at(30)), expected);
-        assert_eq!((owner.close(), tenant.take(at(30), 7)), (Some(ClosedPort::Before), None));
+        assert_eq!((owner.close(), tenant.take(|| at(30), 7)), (Some(ClosedPort::Before), None));
         owner.offer([at(30), at(90)], 6, &ENCODER_STATE);
-        assert!(tenant.take(at(31), 7).is_some());
+        assert!(tenant.take(|| at(31), 7).is_some());
         tenant.begin(7, 17, &ENCODER_STATE);
         tenant.abandon(7, 17);
         assert_eq!(owner.last_written(at(31)).bytes, 0);
-        assert!(tenant.take(at(31), 7).is_some(), "nothing was written");
+        assert!(tenant.take(|| at(31), 7).is_some(), "nothing was written");
     }
 
     #[test]
     fn a_tenant_that_ends_in_a_frame_leaves_a_spoilt_port() {
         let [owner, tenant] = offered();
-        tenant.take(at(20), 6).unwrap();
+        tenant.take(|| at(20), 6).unwrap();
         drop(tenant);
         assert_eq!((owner.close(), owner.seize()), (None, ClosedPort::Spoilt));
         let [owner, tenant] = offered();
-        tenant.take(at(20), 6).unwrap();
+        tenant.take(|| at(20), 6).unwrap();
         tenant.end(at(20), false);
-        assert_eq!(tenant.take(at(21), 7), None);
+        assert_eq!(tenant.take(|| at(21), 7), None);
         assert_eq!(owner.close(), Some(ClosedPort::Spoilt));
         assert_eq!(owner.close(), Some(ClosedPort::Before));
+    }
+
+    #[test]
+    fn a_tenant_reads_its_clock_while_the_port_is_taken() {
+        let [owner, tenant] = offered();
+        let now = || {
+            assert_eq!(owner.close(), None, "it is the tenant's");
+            at(20)
+        };
+        assert!(tenant.take(now, 6).is_some());
     }
 }

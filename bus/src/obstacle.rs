@@ -59,9 +59,9 @@ obstacles! {
     /// The vehicle is locked until it is restarted.
     Locked = 15 => "the vehicle is locked: restart it",
     /// The bridge has not set the vehicle up yet.
-    NotSetUp = 16 => "the bridge is still setting the vehicle up: arm again in a few seconds; if this stays, restart the vehicle",
+    NotSetUp = 16 => "the bridge is still setting the vehicle up, which takes some seconds; if this stays, restart the vehicle",
     /// The stop sequence after the last flight is being sent.
-    MotorsStopping = 17 => "the motors are being stopped after the last flight: arm again in a second",
+    MotorsStopping = 17 => "the motors are being stopped after the last flight, which takes about a second",
 }
 
 /// A set of reasons against arming.

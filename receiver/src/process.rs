@@ -155,9 +155,9 @@ impl Turn for BeatingTurn {
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         self.turn.turn(clock)?;
-        let health = self.turn.health(clock.now());
         let mut suspended = None;
-        for heartbeat in &mut self.heartbeats {
+        for (route, heartbeat) in self.heartbeats.iter_mut().enumerate() {
+            let health = self.turn.health_of(route, clock.now());
             suspended = suspended.max(heartbeat.beat_unlogged(health)?);
         }
         if let Some(length) = suspended {

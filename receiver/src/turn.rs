@@ -142,6 +142,20 @@ impl<T: Transport> ReceiverTurn<T> {
         self.handle.note(note);
     }
 
+    /// Health for the instance of the body of a route.
+    pub fn health_of(&self, route: usize, now: Time) -> HealthV1 {
+        let silent = now.since(self.receiver.arrived_at()) > self.silence;
+        let cause = match self.watch.trouble(route) {
+            _ if self.stream.is_none() => Cause::NoPose,
+            // A server that sends frames for its bodies alone is silent without them.
+            Cause::NoBody => Cause::NoBody,
+            _ if silent => Cause::NoPose,
+            trouble => trouble,
+        };
+        let unlogged = self.handle.dropped_notes();
+        HealthV1 { cause: cause.code(), unlogged, ..HealthV1::default() }
+    }
+
     /// Hands a lost stream to the background thread, which closes it and connects again.
     fn give_up(&mut self) {
         if let Some(stream) = self.stream.take() {
@@ -212,10 +226,8 @@ impl<T: Transport> Turn for ReceiverTurn<T> {
         Ok(())
     }
 
+    /// That for the instance of the first body.
     fn health(&self, now: Time) -> HealthV1 {
-        let silent = now.since(self.receiver.arrived_at()) > self.silence;
-        let cause = if self.stream.is_none() || silent { Cause::NoPose } else { Cause::None };
-        let unlogged = self.handle.dropped_notes();
-        HealthV1 { cause: cause.code(), unlogged, ..HealthV1::default() }
+        self.health_of(0, now)
     }
 }

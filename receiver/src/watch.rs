@@ -1,5 +1,6 @@
 //! Changes since the last call, for the log: clock, bodies, frames. Pure.
 
+use oqtal_bus::code::Cause;
 use oqtal_bus::time::{Span, Time};
 
 use crate::gate::FrameCounts;
@@ -78,6 +79,15 @@ impl ReceiverWatch {
             self.there[route] = there;
         }
         self.look_at_frames(now, (receiver, gates), note);
+    }
+
+    /// Trouble with the body of a route, by the last look.
+    pub fn trouble(&self, route: usize) -> Cause {
+        match (self.there[route], self.seen[route]) {
+            (false, _) => Cause::NoBody,
+            (true, false) => Cause::Untracked,
+            (true, true) => Cause::None,
+        }
     }
 
     /// Frames have ceased to come.

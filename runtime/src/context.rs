@@ -51,9 +51,10 @@ impl ProcessContext {
         Ok(bus.with_signals(self.signals.clone()))
     }
 
-    /// This context for a part of the process that has the role and the health of another one.
+    /// This context for a part of the process that has the role and the health of another one. The watchdog also checks the polls of
+    /// the part's background thread.
     pub fn of_part(&self, role: Role) -> Self {
-        Self { role, health: Health::default(), ..self.clone() }
+        Self { role, health: self.health.of_part(), ..self.clone() }
     }
 
     /// The heartbeat of this process.

@@ -29,6 +29,8 @@ struct HealthRecord {
     runs_late: AtomicBool,
     motors: AtomicU8,
     status: Mutex<String>,
+    /// Records of parts of the process that have a background thread of their own.
+    parts: Mutex<Vec<Health>>,
 }
 
 /// State of the motors that a process controls.
@@ -53,8 +55,8 @@ pub(crate) struct HealthSample {
     pub inputs: u64,
     /// Outputs published so far \[-\].
     pub outputs: u64,
-    /// Polls of the background thread so far; 0 without one \[-\].
-    pub polls: u64,
+    /// Polls so far of the background thread, 0 without one, and of those of the parts \[-\].
+    pub polls: Vec<u64>,
     /// The status text; empty if the process sets none.
     pub status: String,
 }
@@ -105,12 +107,21 @@ impl Health {
         *self.0.status.lock().unwrap_or_else(PoisonError::into_inner) = status.into();
     }
 
+    /// New record of a part of the process. Takes a lock; not for a real-time loop.
+    pub(crate) fn of_part(&self) -> Self {
+        let part = Self::default();
+        self.0.parts.lock().unwrap_or_else(PoisonError::into_inner).push(part.clone());
+        part
+    }
+
     pub(crate) fn sample(&self) -> HealthSample {
+        let parts = self.0.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        let records = std::iter::once(self).chain(parts.iter());
         HealthSample {
             turns: self.0.turns.load(Ordering::Relaxed),
             inputs: self.0.inputs.load(Ordering::Relaxed),
             outputs: self.0.outputs.load(Ordering::Relaxed),
-            polls: self.0.polls.load(Ordering::Relaxed),
+            polls: records.map(|it| it.0.polls.load(Ordering::Relaxed)).collect(),
             status: self.0.status.lock().unwrap_or_else(PoisonError::into_inner).clone(),
         }
     }

@@ -17,6 +17,7 @@
 //! | `awake.rs` | when a loop waits awake |
 //! | `background.rs` | the thread for work that may block |
 //! | `handoff.rs` | bounded queues between both threads |
+//! | `reopener.rs` | opening of a lost port or connection, on a thread of its own |
 //! | `health.rs` | health record and heartbeat |
 //! | `log.rs` | the log, written by a separate thread |
 //! | `lost_files.rs` | removed files of the instance, and the end of a process after a loss |
@@ -55,6 +56,7 @@ pub mod process_loop;
 pub mod program;
 pub mod random;
 pub mod realtime;
+pub mod reopener;
 mod service;
 pub mod stop;
 pub mod turn;

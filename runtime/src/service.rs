@@ -123,11 +123,12 @@ impl ServiceNotifier {
         notices
     }
 
-    /// Whether loop, background thread and outputs have progressed since the last sample.
+    /// Whether loop, background threads and outputs have progressed since the last sample.
     fn is_healthy(&self, sample: &HealthSample) -> bool {
         let HealthSample { turns, inputs, outputs, polls, .. } = &self.last;
         let loop_turns = sample.turns != *turns;
-        let background_polls = sample.polls == 0 || sample.polls != *polls;
+        let mut pairs = sample.polls.iter().zip(polls);
+        let background_polls = pairs.all(|(count, before)| *count == 0 || count != before);
         // Without a vehicle in view, or during playback of a recording, the cameras may be idle.
         let may_be_idle = match self.role {
             Role::Mocap | Role::Receiver => sample.inputs == *inputs,
@@ -179,14 +180,17 @@ mod tests {
 
     #[test]
     fn f15_a_loop_that_turns_without_output_does_not_trigger_its_watchdog() {
-        let first = HealthSample { polls: 5, ..sample(10, 3) };
-        let well = HealthSample { polls: 6, ..sample(11, 4) };
+        let first = HealthSample { polls: vec![5, 0, 7], ..sample(10, 3) };
+        let well = HealthSample { polls: vec![6, 0, 8], ..sample(11, 4) };
         let idle = HealthSample { outputs: first.outputs, ..well.clone() };
-        let hung_background = HealthSample { polls: first.polls, ..well.clone() };
+        let hung_background = [vec![5, 0, 8], vec![6, 0, 7]];
         for role in [Role::Daemon, Role::Plant, Role::Mocap, Role::Bridge] {
             assert!(triggers(role, &first, &well), "{role:?}");
             assert!(!triggers(role, &first, &idle), "{role:?}");
-            assert!(!triggers(role, &first, &hung_background), "{role:?}");
+            for polls in &hung_background {
+                let hung = HealthSample { polls: polls.clone(), ..well.clone() };
+                assert!(!triggers(role, &first, &hung), "{role:?}");
+            }
         }
         let unseen = HealthSample { inputs: first.inputs, ..idle };
         assert!(triggers(Role::Mocap, &first, &unseen), "cameras without a vehicle in view");

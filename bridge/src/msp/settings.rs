@@ -1,6 +1,6 @@
 //! Settings of a Betaflight vehicle that the bridge relies on, as they were read, and their rules.
 
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_wire::msp::{MSP_AUX_CHANNELS, MspChannelMap, MspModeRange, MspPacket, command};
 
 use crate::wanted::{WantedParameter, WantedValue};
@@ -170,27 +170,35 @@ pub struct ArmingSwitch {
     pub values: [u16; 2],
 }
 
-/// Settings as they were read.
+/// Settings as they were read: replies and their arrivals.
 #[derive(Clone, Debug, Default)]
-pub struct MspSettings([Option<MspPacket>; READ.len()]);
+pub struct MspSettings([Option<(Time, MspPacket)>; READ.len()]);
 
 impl MspSettings {
     /// The next request whose reply is not known; `None` if all are.
     pub fn unread(&self) -> Option<u8> {
-        self.0.iter().zip(READ).find_map(|(packet, number)| packet.is_none().then_some(number))
+        self.unread_since(Time::UNSET)
     }
 
-    /// Takes the reply to a request of the settings; any other is ignored.
-    pub fn take(&mut self, packet: &MspPacket) {
+    /// The next request whose reply did not arrive at or after `since`; `None` if all did.
+    pub fn unread_since(&self, since: Time) -> Option<u8> {
+        let mut replies = self.0.iter().zip(READ);
+        let is_old = |reply: &Option<(Time, MspPacket)>| reply.is_none_or(|(at, _)| at < since);
+        replies.find_map(|(reply, number)| is_old(reply).then_some(number))
+    }
+
+    /// Takes the reply to a request of the settings, which arrived at `now`; any other is ignored.
+    pub fn take(&mut self, now: Time, packet: &MspPacket) {
         if let Some(index) = READ.iter().position(|number| *number == packet.command) {
-            self.0[index] = Some(*packet);
+            self.0[index] = Some((now, *packet));
         }
     }
 
     /// Payload of the reply to the request `number`; empty if there is none.
     pub fn payload(&self, number: u8) -> &[u8] {
         let index = READ.iter().position(|read| *read == number);
-        index.and_then(|index| self.0[index].as_ref()).map_or(&[], MspPacket::payload)
+        let reply = index.and_then(|index| self.0[index].as_ref());
+        reply.map_or(&[], |(_, packet)| packet.payload())
     }
 
     /// Whether the firmware is Betaflight.

@@ -1,6 +1,5 @@
 //! Parts of every set-up: the state of a parameter, the table, the port.
 
-use std::fmt::Write as _;
 use std::time::Duration;
 
 use oqtal_bus::time::{Span, Time};
@@ -38,7 +37,8 @@ impl ParameterReport {
     /// Line of the table.
     pub(super) fn line(&self) -> String {
         let Self { wanted, found, set } = self;
-        let is = found.map_or("none".to_owned(), |value| format!("{value}"));
+        // Single precision on the wire.
+        let is = found.map_or("none".to_owned(), |value| format!("{}", value as f32));
         let should = wanted.value.in_place_of(found.unwrap_or_default());
         let mark = match (self.is_right(), set) {
             (true, Some(_)) => "set",
@@ -46,17 +46,19 @@ impl ParameterReport {
             (false, Some(_)) => "NOT TAKEN",
             (false, None) => "wrong",
         };
-        format!("{:<20} {is:>9} {should:>9}  {} {mark}", wanted.name, wanted.reason)
+        row([wanted.name, &is, &should.to_string(), mark, wanted.reason])
     }
 }
 
 /// Table of these lines for the vehicle `title`.
 pub(super) fn table(title: &str, lines: impl IntoIterator<Item = String>) -> String {
-    let mut text = format!("{title}\n{:<20} {:>9} {:>9}  why\n", "parameter", "is", "should be");
-    for line in lines {
-        let _ = writeln!(text, "{}", line.trim_end());
-    }
-    text
+    let head = row(["parameter", "is", "should be", "", "why"]);
+    std::iter::once(head).chain(lines).fold(format!("{title}\n"), |text, line| text + &line + "\n")
+}
+
+/// Row of a table: name, value, allowed value, mark and reason.
+pub(super) fn row([name, is, should, mark, reason]: [&str; 5]) -> String {
+    format!("{name:<20} {is:>9} {should:>9}  {mark:<9}  {reason}")
 }
 
 /// Refuses changes of a vehicle whose motors run.

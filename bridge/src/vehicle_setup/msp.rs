@@ -7,7 +7,7 @@ use oqtal_wire::link::LinkSpec;
 use oqtal_wire::msp::{MSP_ARM, MspDecoder, MspKind, MspModeRange, MspPacket, MspStatus, command};
 
 use super::exchange::{
-    ANSWER_WITHIN, ParameterReport, READ_BUFFER, SetupPort, TRIES, refuse_in_flight, table,
+    ANSWER_WITHIN, ParameterReport, READ_BUFFER, SetupPort, TRIES, refuse_in_flight, row, table,
 };
 use crate::msp::{MspField, MspSettings, full_rates};
 
@@ -67,7 +67,7 @@ fn rule_lines(found: &MspSettings, now: &MspSettings) -> impl Iterator<Item = St
             (false, true) => ("wrong", "set"),
             (false, false) => ("wrong", "wrong"),
         };
-        format!("{name:<20} {is:>9} {:>9}  {reason} {mark}", "right")
+        row([name, is, "right", mark, reason])
     })
 }
 
@@ -89,7 +89,8 @@ impl MspSession {
     fn read(&mut self) -> Result<MspSettings, Failure> {
         let mut settings = MspSettings::default();
         while let Some(number) = settings.unread() {
-            settings.take(&self.exchange(number, &[])?);
+            let packet = self.exchange(number, &[])?;
+            settings.take(Time::now(), &packet);
         }
         Ok(settings)
     }

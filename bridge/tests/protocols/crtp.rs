@@ -34,7 +34,7 @@ fn bridge(now: Time) -> Bridge {
     Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
 }
 
-fn vehicle() -> Box<dyn ProtocolVehicle> {
+pub fn vehicle() -> Box<dyn ProtocolVehicle> {
     Box::new(Crazyflie { is_armed: false, block: None, reported_at: Time::UNSET })
 }
 
@@ -51,6 +51,7 @@ impl ProtocolVehicle for Crazyflie {
         let mut say = |reply: CrtpReply| answers.push(reply.packet().as_bytes().to_vec());
         match request {
             CrtpRequest::Setpoint(setpoint) => {
+                assert!(setpoint.thrust == 0 || self.block.is_some(), "flown before the set-up");
                 return match setpoint.thrust {
                     0 => Understood::Zero,
                     _ => Understood::Flight(setpoint.roll / AUTHORITY),

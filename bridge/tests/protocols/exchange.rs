@@ -119,9 +119,25 @@ impl Exchange {
         Err(TestCaseError::fail(format!("{}: the vehicle does not fly", self.name)))
     }
 
+    /// Ends the bridge.
+    pub fn end(&mut self) -> Result<(), TestCaseError> {
+        let mut answers = Vec::new();
+        for _ in 0..3 {
+            self.bridge.begin_final_zero_setpoint(self.now);
+            self.send(&mut answers)?;
+        }
+        self.bridge.begin_final_emergency_stop(self.now);
+        self.send(&mut answers)
+    }
+
     /// Flight set-points since the beginning \[-\].
     pub fn flights(&self) -> usize {
         self.understood.iter().filter(|frame| matches!(frame, Understood::Flight(_))).count()
+    }
+
+    /// The vehicle's time-out as the bridge reports it \[s\].
+    pub fn time_out_s(&mut self) -> f64 {
+        self.bridge.report(self.now, None, Span::ZERO).2.time_out_s
     }
 
     fn command(&mut self, flies: bool, age_us: i64) {

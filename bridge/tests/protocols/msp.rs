@@ -27,12 +27,29 @@ fn bridge(now: Time) -> Bridge {
     Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
 }
 
+/// Frames with the arming switch off after which the vehicle disarms \[-\].
+const DISARM_FRAMES: u8 = 4;
+
 fn vehicle() -> Box<dyn ProtocolVehicle> {
-    Box::new(Betaflight { is_armed: false, is_piloted: false, told_piloted: false })
+    with_failsafe(3)
+}
+
+/// A vehicle whose failsafe acts after `delay` \[0.1 s\].
+pub fn with_failsafe(delay: u8) -> Box<dyn ProtocolVehicle> {
+    Box::new(Betaflight {
+        delay,
+        is_armed: false,
+        off_frames: 0,
+        is_piloted: false,
+        told_piloted: false,
+    })
 }
 
 struct Betaflight {
+    delay: u8,
     is_armed: bool,
+    /// Frames since the switch was on \[-\].
+    off_frames: u8,
     /// The pilot has switched MSP override off.
     is_piloted: bool,
     told_piloted: bool,
@@ -55,6 +72,7 @@ impl ProtocolVehicle for Betaflight {
 
     fn manual_override(&mut self, motors_on: bool, is_piloted: bool) {
         (self.is_armed, self.is_piloted) = (motors_on, motors_on && is_piloted);
+        self.off_frames = 0;
     }
 
     fn motors_on(&self) -> bool {
@@ -71,8 +89,9 @@ impl Betaflight {
         let (sticks, switches) = MspSticks::read(payload, MspChannelMap::FACTORY).unwrap();
         let is_on = switches[0] > 1700;
         let was_armed = self.is_armed;
+        self.off_frames = if is_on { 0 } else { self.off_frames.saturating_add(1) };
         if !self.is_piloted {
-            self.is_armed = is_on;
+            self.is_armed = is_on || was_armed && self.off_frames < DISARM_FRAMES;
         }
         match sticks.throttle > 0.0 {
             true => {
@@ -100,7 +119,7 @@ impl Betaflight {
                 rates.extend([3, 50]);
                 rates
             }
-            command::FAILSAFE => vec![3, 0, 0, 0, 0, 0, 0, 1],
+            command::FAILSAFE => vec![self.delay, 0, 0, 0, 0, 0, 0, 1],
             command::DEAD_BANDS => vec![0, 0],
             command::STATUS => {
                 self.told_piloted = self.is_armed && self.is_piloted;
