@@ -1,10 +1,8 @@
 //! The background thread of the daemon: logs, health, operator requests.
 
 use std::collections::VecDeque;
-use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
-use crossbeam_channel::Sender;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::control::ControlServer;
@@ -25,7 +23,7 @@ use oqtal_runtime::process::{Failure, ProcessContext};
 
 use crate::condition::Condition;
 use crate::cycle::FirstFlight;
-use crate::law_socket::LawListener;
+use crate::law_socket::{ConnectionSlot, LawListener};
 use crate::live::LiveSettings;
 use crate::operator::OperatorRequests;
 
@@ -156,7 +154,7 @@ impl DaemonWorker {
     pub fn open(
         context: &ProcessContext,
         requests: OperatorRequests,
-        connected: Sender<OwnedFd>,
+        connected: ConnectionSlot,
         is_chain: bool,
     ) -> Result<Self, Failure> {
         let bus = context.bus()?;

@@ -27,7 +27,7 @@ impl FloorClearance {
         reference: Reference,
         (height_m, least_m): (f64, f64),
     ) -> Reference {
-        if !matches!(reference.phase, Phase::Settle | Phase::Trajectory) {
+        if !is_flight(&reference) {
             *self = Self::default();
             return reference;
         }
@@ -36,9 +36,17 @@ impl FloorClearance {
             let below_m = (last_m - height_m).clamp(0.0, MOST_RAISED_M);
             self.below_m += share * (below_m - self.below_m);
         }
-        let raised = Self::at_least(reference, least_m + self.below_m);
+        let raised = self.raised(reference, least_m);
         self.last = Some((now, raised.position.z));
         raised
+    }
+
+    /// `reference`, raised as by the last [`FloorClearance::raise`].
+    pub(crate) fn raised(&self, reference: Reference, least_m: f64) -> Reference {
+        match is_flight(&reference) {
+            true => Self::at_least(reference, least_m + self.below_m),
+            false => reference,
+        }
     }
 
     /// `reference` at the height `least_m` \[m, world\] or above; a raised one does not climb or sink.
@@ -57,6 +65,11 @@ impl FloorClearance {
             ..reference
         }
     }
+}
+
+/// Whether `reference` is neither of a take-off nor of a landing.
+fn is_flight(reference: &Reference) -> bool {
+    matches!(reference.phase, Phase::Settle | Phase::Trajectory)
 }
 
 #[cfg(test)]

@@ -244,13 +244,15 @@ impl Cycle {
     ) -> Option<ControlOutput> {
         let Some(guarded) = &mut self.guarded else { return computed };
         guarded.begin_tick();
-        let delay = Span::from_seconds(self.intake.tracker().effect_delay_s());
+        let acts_at = tick.now + Span::from_seconds(self.intake.tracker().effect_delay_s());
+        // A law that ignored the oscillation would hide poses that do not follow the vehicle.
+        let offset_rad = self.intake.consistency().heading_offset_rad(acts_at);
         let law_tick = LawTick {
             tick,
             directive,
             intake: &self.intake,
             last: self.control.sent(),
-            reference_ahead: self.supervision.course().reference_at(tick.now + delay),
+            reference_ahead: self.supervision.course().reference_at(acts_at, offset_rad),
             of_fallback,
             is_free: self.supervision.is_free_flight(),
         };
@@ -330,13 +332,9 @@ impl Cycle {
                 self.intake.change_law(tracker);
             }
         }
-        let prescribes_attitude = |supervision: &FlightSupervision| {
-            let reference = supervision.course().reference_at(now);
-            reference.is_some_and(|reference| reference.attitude.is_some())
-        };
-        let before = prescribes_attitude(&self.supervision);
+        let before = self.supervision.course().prescribes_attitude();
         let response = self.supervision.change(now, change, &self.intake);
-        if before != prescribes_attitude(&self.supervision) {
+        if before != self.supervision.course().prescribes_attitude() {
             self.begin_handover();
         }
         response

@@ -1,6 +1,7 @@
 //! The room that a flight needs: its path compared with the fence and the floor, before the start and at arming.
 
 mod remedies;
+mod starts;
 mod ways;
 
 use std::cell::OnceCell;
@@ -19,6 +20,7 @@ use crate::setpoint::{LARGEST_TURN_RAD, turns_round};
 use crate::waypoint_file::trajectory as trajectory_of;
 use ways::{TICK_POINTS, corners, lowest, point_s, references};
 
+pub(crate) use starts::{fitting_starts, require_target};
 pub(crate) use ways::Way;
 
 /// Whether `trajectory` fits inside the soft border of the fence: from anywhere, or from `start` \[m, world\] where it is known.

@@ -10,6 +10,8 @@ use crate::command_model::CommandModel;
 /// Shortest time between two points that are looked at \[s\], and most points \[-\].
 const STEP_S: f64 = 0.02;
 const MOST_POINTS: f64 = 20_000.0;
+/// Distance of the points that are looked at before and after a jump of the acceleration \[s\].
+const BESIDE_JUMP_S: f64 = 1e-6;
 
 /// Shares of the vehicle's thrust, of its body rates, and of the limits of speed and tilt that a trajectory may demand \[-\]; the rest is
 /// for corrections.
@@ -83,8 +85,14 @@ impl<'a> PhaseDemand<'a> {
             _ => (config.trajectory.start_s(), trajectory.duration_s()),
         };
         let step_s = STEP_S.max(duration_s / MOST_POINTS);
-        let times = (0..=(duration_s / step_s) as u32).map(|index| f64::from(index) * step_s);
-        let references = times.map(|t_s| (t_s, plan.sample(from_s + t_s)));
+        let even = (0..=(duration_s / step_s) as u32).map(|index| f64::from(index) * step_s);
+        // Between waypoints a cubic demands the most at an end or in the middle, which even steps of a slower flight meet elsewhere.
+        let corners = trajectory.corners_s().filter(|_| phase == Phase::Trajectory);
+        let corners: Vec<_> = corners.collect();
+        let middles = corners.windows(2).map(|ends| 0.5 * (ends[0] + ends[1]));
+        let beside = corners.iter().flat_map(|t_s| [t_s - BESIDE_JUMP_S, t_s + BESIDE_JUMP_S]);
+        let references =
+            even.chain(beside).chain(middles).map(|t_s| (t_s, plan.sample(from_s + t_s)));
         let references = references.filter(|(_, reference)| reference.phase == phase).collect();
         Ok(Self { config, phase, model, references })
     }
@@ -222,6 +230,29 @@ pub(crate) fn least_settle_s(config: &Config, trajectory: &Trajectory) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
+    use oqtal_config::Setting;
+    use oqtal_control::trajectory::Waypoints;
+
+    #[test]
+    fn waypoints_slower_by_the_factor_of_the_refusal_are_accepted() {
+        let settings = [
+            "trajectory.kind=waypoints",
+            "vehicle.mass-kg=0.74",
+            "vehicle.max-thrust-n=17.5",
+            "vehicle.rate-authority-rad-s=[3.5, 3.5, 2.0]",
+        ];
+        let settings = settings.map(|text| Setting::parse("test", text).unwrap());
+        let config = Config::from_settings(&settings).unwrap();
+        let checked = |slower: f64| {
+            let [second, third] = [1.0, 2.0].map(|t_s| t_s * slower);
+            let table = format!("t,x,y,z\n0,0,0,1\n{second},3,0,1\n{third},0,0,1.5\n");
+            let points = Waypoints::parse(&table).unwrap();
+            check_demand(&config, &config.trajectory.trajectory(Some(points)).unwrap(), |_| false)
+        };
+        let refusal = checked(1.0).unwrap_err().to_string();
+        let factor = refusal.split("multiplied by ").nth(1).unwrap().split(' ').next().unwrap();
+        assert!(checked(factor.parse().unwrap()).is_ok(), "{refusal}");
+    }
 
     #[test]
     fn every_flight_slower_than_by_the_least_factor_is_accepted() {

@@ -19,7 +19,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, UCred, recv, send};
 
-use crate::external::{ExternalLaw, without_answer};
+use crate::external::{ExternalLaw, reason_of, without_answer};
 
 /// Beginning of a question, and of an answer.
 const QUESTION: [u8; 8] = *b"OQTALST1";
@@ -34,9 +34,26 @@ const VIRTUAL_TIMEOUT: Span = Span::from_millis(10_000);
 /// Shortest time for an answer in virtual time.
 const LEAST_VIRTUAL_TIMEOUT: Span = Span::from_millis(100);
 
+/// The hand-over of connections to the loop, for the background thread.
+#[derive(Debug)]
+pub(crate) struct ConnectionSlot {
+    sender: Sender<OwnedFd>,
+    receiver: Receiver<OwnedFd>,
+}
+
 /// Both ends of the hand-over of connections.
-pub(crate) fn connections() -> (Sender<OwnedFd>, Receiver<OwnedFd>) {
-    bounded(1)
+pub(crate) fn connections() -> (ConnectionSlot, Receiver<OwnedFd>) {
+    let (sender, receiver) = bounded(1);
+    (ConnectionSlot { sender, receiver: receiver.clone() }, receiver)
+}
+
+impl ConnectionSlot {
+    /// Passes `connection` on, in place of one that the loop has not taken: it takes them only while it asks a law, in flight.
+    fn put(&self, connection: OwnedFd) {
+        // Only this thread fills the place.
+        let _ = self.receiver.try_recv();
+        let _ = self.sender.try_send(connection);
+    }
 }
 
 /// A law behind a socket, for the loop.
@@ -62,17 +79,18 @@ impl SocketLaw {
     fn connect(&mut self, is_virtual: bool) {
         let wait = std::time::Duration::from_nanos(STOP_CHECK.nanos().unsigned_abs());
         while is_virtual && !self.was_connected && !self.stop.is_set() {
-            self.connection = self.connections.recv_timeout(wait).ok();
+            self.connection = self.connections.recv_timeout(wait).ok().filter(is_connected);
             self.was_connected = self.connection.is_some();
         }
-        if let Ok(connection) = self.connections.try_recv() {
+        // A law may have ended before the loop asks one.
+        if let Some(connection) = self.connections.try_recv().ok().filter(is_connected) {
             (self.connection, self.was_connected) = (Some(connection), true);
             self.virtual_timeout = VIRTUAL_TIMEOUT;
         }
     }
 
-    /// The answer to the question `sequence` before the instant `until`, with the instant of its receipt; another answer if only
-    /// others arrive; `None` without any. The reason in place of an answer if the law ends without another one.
+    /// The answer to the question `sequence` before the instant `until`, with the instant of its receipt; a packet of another form
+    /// counts as one. Another answer if only others arrive; `None` without any. The reason in place of an answer if the law ends without another one.
     fn receive(&mut self, sequence: u64, until: Time) -> Option<ExternalV1> {
         let (mut bytes, mut other) = ([0; ANSWER.len() + ANSWERED + 1], None);
         while !self.stop.is_set() {
@@ -80,7 +98,10 @@ impl SocketLaw {
                 return other.or(Some(without_answer(HandoverCause::Ended)));
             };
             let received = match recv(connection, &mut bytes, RecvFlags::DONTWAIT) {
-                Ok((_, length)) if length > 0 => Some(decoded(&bytes[..length])),
+                // An empty packet is received like the end of the connection.
+                Ok((_, length)) if length > 0 || is_connected(connection) => {
+                    Some(decoded(&bytes[..length]))
+                }
                 Err(Errno::AGAIN | Errno::INTR) => {
                     wait_readable(connection, until.since(Time::now()));
                     None
@@ -92,7 +113,8 @@ impl SocketLaw {
             };
             let now = Time::now();
             other = received.map(|answer| ExternalV1 { answered_at: now, ..answer }).or(other);
-            let is_found = received.is_some_and(|answer| answer.sequence == sequence);
+            let is_found = received
+                .is_some_and(|answer| answer.sequence == sequence || reason_of(&answer).is_some());
             if is_found || now >= until {
                 break;
             }
@@ -159,7 +181,7 @@ fn wait_readable(connection: &OwnedFd, longest: Span) {
 #[derive(Debug)]
 pub(crate) struct LawListener {
     listener: PacketListener,
-    connections: Sender<OwnedFd>,
+    connections: ConnectionSlot,
     /// A second descriptor of the connection in use.
     present: Option<OwnedFd>,
 }
@@ -169,7 +191,7 @@ impl LawListener {
     ///
     /// # Errors
     /// The socket cannot be made (exit code 71).
-    pub(crate) fn open(path: PathBuf, connections: Sender<OwnedFd>) -> Result<Self, Failure> {
+    pub(crate) fn open(path: PathBuf, connections: ConnectionSlot) -> Result<Self, Failure> {
         let shown = path.display().to_string();
         let listener = PacketListener::open(path).map_err(|error| {
             Failure::new(Exit::System, format!("socket {shown} of the external law: {error}"))
@@ -187,11 +209,15 @@ impl LawListener {
         let Some((connection, UCred { pid, .. })) = self.listener.accept() else { return };
         if self.present.is_some() {
             tracing::warn!(?pid, "external law refused: another one is connected");
-        } else if let Ok(present) = connection.try_clone()
-            && self.connections.try_send(connection).is_ok()
-        {
-            tracing::info!(?pid, "external law connected");
-            self.present = Some(present);
+            return;
+        }
+        match connection.try_clone() {
+            Ok(present) => {
+                self.connections.put(connection);
+                tracing::info!(?pid, "external law connected");
+                self.present = Some(present);
+            }
+            Err(error) => tracing::warn!(?pid, "external law refused: {error}"),
         }
     }
 }
@@ -201,8 +227,6 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     use oqtal_runtime::packet_socket::connect;
-
-    use crate::external::reason_of;
 
     use super::*;
 
@@ -255,5 +279,36 @@ mod tests {
         assert_eq!(law.connections.len(), 1);
         drop(listener);
         assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_law_that_ends_before_it_is_asked_is_replaced_and_an_empty_packet_is_an_answer() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("law");
+        let (slot, receiver) = connections();
+        let mut listener = LawListener::open(path.clone(), slot).unwrap();
+        let mut law = SocketLaw::new(receiver, StopFlag::default());
+        let mut ask = |sequence| {
+            let answer_by = Time::now() + Span::from_millis(1);
+            let answer = law.answer(&StateV1 { sequence, answer_by, ..StateV1::default() });
+            answer.map(|answer| (answer.sequence, reason_of(&answer)))
+        };
+        let ended = connect(&path).unwrap();
+        listener.poll();
+        drop(ended);
+        assert_eq!(ask(1), Some((0, Some(HandoverCause::Absent))), "not the end of a law");
+        // Between flights nothing asks.
+        for _ in 0..3 {
+            let ended = connect(&path).unwrap();
+            listener.poll();
+            drop(ended);
+        }
+        let connected = connect(&path).unwrap();
+        listener.poll();
+        assert_eq!(ask(2), None);
+        send(&connected, &[], SendFlags::empty()).unwrap();
+        assert_eq!(ask(3), Some((0, Some(HandoverCause::Malformed))));
+        answers(&connected, 4);
+        assert_eq!(ask(4), Some((4, None)), "it is still connected");
     }
 }

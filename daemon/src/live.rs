@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Vector3, Vector4};
-use oqtal_bus::code::{Cause, OperatorCommand};
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::text::LongText;
 use oqtal_config::{Config, ConfigError, Setting, reread_comments};
@@ -18,15 +18,16 @@ use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
-use crate::fence::Fence;
-use crate::flight_room::{require_flyable, require_flyable_in_flight};
-use crate::law_guard::{LiveGuard, note_on_fallback, of_stack};
+use crate::flight_room::{
+    fitting_starts, require_flyable, require_flyable_in_flight, require_target,
+};
+use crate::law_guard::{LiveGuard, note_below_envelope, of_stack};
 use crate::limits::LoopLimits;
 use crate::refusal::Refusal;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
-use crate::warnings::quick_warnings;
+use crate::warnings::{quick_warnings, without_effect};
 use crate::waypoint_file::{self, ReadSettings};
 
 /// Number of changes of settings that can be taken back \[-\].
@@ -109,6 +110,8 @@ pub struct PreparedChange {
     pub change: FlightChange,
     /// Text of the request, for the recording: what a replay prepares the same change from.
     pub text: LongText,
+    /// Place that a trajectory needs, for its refusal by the fence; empty for other changes.
+    pub(crate) needs: String,
     /// The settings after the change, and whether they are those before the last one.
     settings: Option<(ReadSettings, bool)>,
 }
@@ -201,21 +204,22 @@ impl LiveSettings {
         request: &ControlRequestV1,
     ) -> Result<PreparedChange, Refusal> {
         let text = request.text;
-        let course = |change| Ok(PreparedChange { change, text, settings: None });
+        let course = |change| PreparedChange { change, text, needs: String::new(), settings: None };
         match command {
             OperatorCommand::Goto => {
                 let target = Vector3::from(request.point).push(request.yaw);
-                self.require_inside(&target)?;
-                course(FlightChange::Goto(target))
+                require_target(self.present(), &target)?;
+                Ok(course(FlightChange::Goto(target)))
             }
-            OperatorCommand::Hover => course(FlightChange::Hover),
+            OperatorCommand::Hover => Ok(course(FlightChange::Hover)),
             OperatorCommand::Trajectory => {
-                course(FlightChange::Trajectory(Box::new(self.trajectory(text.as_str())?)))
+                let (trajectory, needs) = self.trajectory(text.as_str())?;
+                let change = FlightChange::Trajectory(Box::new(trajectory));
+                Ok(PreparedChange { needs, ..course(change) })
             }
             OperatorCommand::Undo => {
-                let earlier = self.earlier.last().cloned();
                 let none = || Refusal::of_setting("no change of settings to take back");
-                let earlier = earlier.ok_or_else(none)?;
+                let earlier = self.earlier.last().cloned().ok_or_else(none)?;
                 // Recorded; a replay takes the settings back itself.
                 let changed = self.present().described_differences(&earlier.config);
                 let text = LongText::of_lines(changed.iter().map(String::as_str)).unwrap_or(text);
@@ -238,16 +242,19 @@ impl LiveSettings {
             .is_some_and(|(settings, _)| settings.has_same_values(&self.present))
     }
 
-    /// Warnings of the settings after `prepared` that the present ones do not have.
+    /// Warnings of the settings after `prepared` that the present ones do not have, and of its point, above a floor at the height 0.
     pub fn new_warnings(&self, prepared: &PreparedChange) -> Vec<String> {
         let of = |settings: &ReadSettings| {
             let trajectory = settings.trajectory();
             trajectory.map_or_else(|_| Vec::new(), |path| quick_warnings(&settings.config, &path))
         };
-        let Some((next, _)) = &prepared.settings else { return Vec::new() };
+        let Some((next, _)) = &prepared.settings else {
+            let FlightChange::Goto(target) = &prepared.change else { return Vec::new() };
+            return note_below_envelope(self.present(), target.z).into_iter().collect();
+        };
         let before = of(&self.present);
         let new = of(next).into_iter().filter(|told| !before.contains(told));
-        new.chain(note_on_fallback(self.present(), &next.config)).collect()
+        new.chain(without_effect(self.present(), &next.config)).collect()
     }
 
     /// Takes the settings of a change that was handed to the loop.
@@ -283,7 +290,8 @@ impl LiveSettings {
             next.trajectory()?,
         )?;
         let change = FlightChange::Settings(Box::new(live));
-        Ok(PreparedChange { change, text, settings: Some((next, is_undo)) })
+        let settings = Some((next, is_undo));
+        Ok(PreparedChange { change, text, needs: String::new(), settings })
     }
 
     /// Changes the settings `KEY=VALUE` in the lines of `text`.
@@ -354,30 +362,14 @@ impl LiveSettings {
         Ok(ReadSettings { config, waypoints, reread: self.present.reread.clone() })
     }
 
-    /// The trajectory with the name `kind` and the present options.
-    fn trajectory(&self, kind: &str) -> Result<Trajectory, Refusal> {
+    /// The trajectory with the name `kind` and the present options, and the place that it needs.
+    fn trajectory(&self, kind: &str) -> Result<(Trajectory, String), Refusal> {
         let kind = Setting::flag("fly", "trajectory.kind", kind);
         let settings = self.read(self.present().with_live(&[kind])?, false)?;
         let trajectory = settings.trajectory()?;
         require_flyable_in_flight(&settings.config, &trajectory)?;
-        Ok(trajectory)
-    }
-
-    /// Fails unless `target` is a point inside the soft border of the fence.
-    fn require_inside(&self, target: &Vector4<f64>) -> Result<(), Refusal> {
-        let fence = &self.present().fence;
-        // A comparison with NaN is false.
-        let is_inside = Fence::new(fence).inside_soft_m(&target.xyz()) > 0.0;
-        if is_inside && !target.w.is_infinite() {
-            return Ok(());
-        }
-        let [x, y, z, w]: [f64; 4] = (*target).into();
-        let yaw = if w.is_nan() { String::new() } else { format!(", yaw {} deg,", w.to_degrees()) };
-        let reason = format!(
-            "the point [{x}, {y}, {z}] m{yaw} must be inside the soft border of the fence: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
-            fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
-        );
-        Err(Refusal { cause: Cause::Fence, reason })
+        let needs = fitting_starts(&settings.config, &trajectory);
+        Ok((trajectory, needs))
     }
 }
 

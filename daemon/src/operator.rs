@@ -21,7 +21,7 @@ use crate::live::{LiveSettings, PreparedChange};
 use crate::refusal::Refusal;
 
 pub use loop_handle::{LoopHandle, LoopRequest};
-use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity, refused};
+use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity, refused, with_place};
 
 /// An operator's request that the loop has not answered by then is answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
@@ -236,8 +236,7 @@ impl OperatorRequests {
             let lines = [vec![self.law_and_trajectory(present.mode)], self.changed()].concat();
             return ControlResponseV1 { text: first_lines(&lines), ..present };
         }
-        let value = self.settings.as_ref().map(|settings| settings.get(key));
-        match value {
+        match self.settings.as_ref().map(|settings| settings.get(key)) {
             Some(Ok(value)) => ControlResponseV1 { text: LongText::new(&value), ..present },
             Some(Err(refusal)) => with_reason(&refusal, present),
             None => self.present(Answer::Refused),
@@ -253,9 +252,8 @@ impl OperatorRequests {
     ) -> ControlResponseV1 {
         let number = self.next_event();
         let Some(settings) = &self.settings else { return self.present(Answer::Refused) };
-        let prepared = settings.prepare(command, request);
         let mut event = EventV1 { number, ..event(request, Answer::Accepted) };
-        let response = match prepared {
+        let response = match settings.prepare(command, request) {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
             Ok(mut prepared) if settings.are_unchanged_by(&prepared) => {
                 self.settings.iter_mut().for_each(|settings| settings.commit(&mut prepared));
@@ -299,6 +297,7 @@ impl OperatorRequests {
         let change = LoopRequest::Change { command, event: event.number, change: prepared.change };
         let until = if is_of_settings { Time::UNSET } else { validity.until };
         let response = self.pass_on(change, Validity { until, ..validity });
+        let response = with_place(response, &prepared.needs);
         if response.answer != Answer::Refused.code() {
             self.course = match command {
                 OperatorCommand::Trajectory => Some(format!("trajectory {}", event.text.as_str())),
@@ -354,7 +353,7 @@ fn publish_answered(
     });
 }
 
-/// `response` to a change of settings, with the warnings of the new settings, which are logged.
+/// `response` to a change, with its warnings, which are logged.
 fn with_warnings(response: ControlResponseV1, warnings: &[String]) -> ControlResponseV1 {
     if response.answer == Answer::Refused.code() || warnings.is_empty() {
         return response;

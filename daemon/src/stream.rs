@@ -17,7 +17,7 @@ use oqtal_control::trajectory::{Reference, ReferenceMotion};
 use crate::room::StoppingRoom;
 use crate::setpoint::{SetpointRefusal, require, require_turn};
 
-/// Pause after which a planner's references count as a new stream.
+/// Least pause after which a planner's references count as a new stream; the longest validity if that is longer.
 const PAUSE: Span = Span::from_millis(500);
 /// Deviation of the norm of a quaternion from 1 above which it is invalid \[-\].
 const NORM_TOLERANCE: f64 = 1e-3;
@@ -190,7 +190,9 @@ impl ReferenceStream {
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
-            if *ignored == source && now.since(*at) < PAUSE {
+            // Within one validity, references are of one stream.
+            let pause = PAUSE.max(self.limits.longest_validity);
+            if *ignored == source && now.since(*at) < pause {
                 *at = now;
                 return;
             }

@@ -6,6 +6,8 @@ mod path;
 mod simulated;
 mod steps;
 
+pub(crate) use law::without_effect;
+
 use std::ops::RangeInclusive;
 
 use oqtal_config::Config;
@@ -57,6 +59,7 @@ fn warnings_along(
         return all;
     }
     all.extend(config.rate_warning());
+    all.extend(config.pose_rate_warning());
     all.extend(implausible(config));
     all.extend(law::replaced(config));
     all.extend(law::feed_forward_off(config));
@@ -65,6 +68,7 @@ fn warnings_along(
     all.extend(simulated::rotors(config));
     all.extend(waypoints_unused(config));
     all.extend(law::position_gains_unused(config));
+    all.extend(law::too_low(samples, config));
     let (path, limits) = (&config.trajectory, &config.position);
     let jerks =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;

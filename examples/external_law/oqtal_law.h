@@ -71,17 +71,21 @@ static inline int oqtal_connect(const char *path)
     return -1;
 }
 
-/* Waits for the next question. Returns 1, or 0 once the daemon has ended. */
+/* Waits for the next question. Returns 1; 0 once the daemon has ended; 0 with errno EPROTO for a question of another version. */
 static inline int oqtal_receive(int law, struct oqtal_state *state)
 {
     for (;;) {
-        ssize_t length = recv(law, state, sizeof *state, 0);
+        errno = 0;
+        /* MSG_TRUNC: the length of the packet, also of one that is longer than a question. */
+        ssize_t length = recv(law, state, sizeof *state, MSG_TRUNC);
         if (length < 0 && errno == EINTR)
             continue;
         if (length <= 0)
             return 0;
         if (length == sizeof *state && memcmp(state->magic, "OQTALST1", 8) == 0)
             return 1;
+        errno = EPROTO;
+        return 0;
     }
 }
 

@@ -53,6 +53,10 @@ int main(int argc, char **argv)
         command(&state, &answer);
         oqtal_answer(law, &state, &answer);
     }
+    if (errno == EPROTO) {
+        fprintf(stderr, "%s: a question of another version: take oqtal_law.h of the daemon's version\n", argv[1]);
+        return 1;
+    }
     if (answers == 0) {
         fprintf(stderr, "%s: closed before the first question: end another law at this socket\n", argv[1]);
         return 1;

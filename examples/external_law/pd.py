@@ -21,6 +21,8 @@ LENGTHS = {"period_s": 1, "position": 3, "velocity": 3, "attitude": 4, "rate": 3
 def fields(packet):
     """The numbers of a question by name: a float, or a tuple of them."""
     magic, sequence, flight, flown, now, acts_at, answer_by, *numbers = STATE.unpack(packet)
+    if magic != b"OQTALST1":
+        raise struct.error(f"a question that begins with {magic!r}")
     state = {"sequence": sequence, "flight": flight, "flown": flown}
     for name, length in LENGTHS.items():
         state[name] = numbers[0] if length == 1 else tuple(numbers[:length])

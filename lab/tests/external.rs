@@ -4,7 +4,7 @@ pub mod pd;
 mod propagation;
 mod sabotage;
 
-use oqtal_bus::code::HandoverCause;
+use oqtal_bus::code::{Cause, HandoverCause, SafetyState};
 use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
@@ -284,6 +284,28 @@ fn f70_a_fallback_law_catches_a_built_in_law_that_does_not_hold_the_vehicle() {
     assert!(alone.shortfall().is_some(), "lands early: too fast, or too far from its reference");
     assert_eq!(guarded.shortfall(), None);
     assert!(handovers(&guarded).0 > 0);
+}
+
+/// The reference of the external law oscillates in heading: otherwise frozen poses are not found in a hover.
+#[test]
+fn f58_frozen_poses_with_noise_end_a_flight_of_an_external_law_without_reported_rates() {
+    for seed in 0..4 {
+        let seed_setting = format!("clock.seed={seed}");
+        let settings = [
+            seed_setting.as_str(),
+            "trajectory.kind=hover",
+            "plant.gyroscope=false",
+            "fault.inject=[\"pose:frozen-noise=0.5mm@10\"]",
+        ];
+        let flight = fly_with_law(&mission(&settings), &mut PositionPd::default()).unwrap();
+        let mut flown = flight.armed().map(|sample| sample.telemetry);
+        let armed = flown.next().unwrap().time;
+        let reaction = flown.find(|tick| tick.state > SafetyState::Degraded.code());
+        let reaction = reaction.expect("the poses are found");
+        assert_eq!(Cause::from_code(reaction.cause), Some(Cause::Contradiction), "{seed}");
+        let after_s = reaction.time.since(armed).seconds() - 10.0;
+        assert!((0.0..2.0).contains(&after_s), "{seed}: {after_s} s");
+    }
 }
 
 /// A law whose answers are received this long after their questions.

@@ -36,6 +36,9 @@ LENGTHS = {
 }  # fmt: skip
 #: Counters and instants before them.
 COUNTERS = struct.Struct("<8s6Q")
+#: Beginning of a question, and its length [bytes].
+QUESTION = b"OQTALST1"
+QUESTION_LENGTH = COUNTERS.size + 8 * sum(LENGTHS.values())
 #: Beginning of an answer, and its counter.
 ANSWER = struct.Struct("<8sQ")
 
@@ -62,7 +65,7 @@ class State:
     ``attitude``: a quaternion from body to world with the scalar last; ``rate`` [rad/s, body]; ``yaw`` [rad].
     ``thrust`` along body z [N].
     ``acceleration_bias``: estimated acceleration by other causes than thrust, weight and drag [m/s^2, world].
-    ``demand_bias``: estimated error of the command [rad/s, body].
+    ``demand_bias``: estimated error of the command [rad/s, body; of a vehicle commanded by torque rad/s^2].
     ``fallback_rate`` [rad/s, body], ``fallback_thrust`` [N]: command of the built-in law that flies if this one fails.
     ``mass`` [kg], ``gravity`` [m/s^2], ``greatest_thrust`` [N], ``greatest_rate`` [rad/s]: the model of the vehicle.
     ``time``: instant of the tick [s], of which only differences have a meaning; ``period`` of the loop [s].
@@ -248,6 +251,8 @@ def serve(law: Any, path: str) -> int:
             remedy = 'start a daemon with control.controller = "external", or give `law` in the directory of its instance'
             raise PeerError(f"{path}: {error}; {remedy}") from error
         while packet := _received(daemon):
+            if len(packet) != QUESTION_LENGTH or not packet.startswith(QUESTION):
+                raise PeerError(f"{path}: a question of another version; install the package oqtal of the daemon's version")
             _, sequence, number, flown, time_ns, *_ = COUNTERS.unpack_from(packet)
             if number != flight:
                 flight = number

@@ -6,10 +6,12 @@ import itertools
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -79,6 +81,21 @@ def test_it_flies_alike_as_a_process_beside_a_daemon(program, tmp_path):
     summary = json.loads((tmp_path / "flight" / "summary.json").read_text())
     alone = oqtal.fly(law=Pd, seed=3, trajectory="hover", duration=6)
     assert summary["trajectory_hash"] == alone.summary["trajectory_hash"]
+
+
+@pytest.mark.parametrize("question", [b"OQTALST1" + bytes(512), b"OQTALST1" + bytes(528), b"OQTALST2" + bytes(520), b"?"])
+def test_a_question_of_another_version_is_an_error(tmp_path, question):
+    path = str(tmp_path / "law")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(path)
+        listener.listen()
+        with ThreadPoolExecutor() as pool:
+            served = pool.submit(oqtal.serve, plain, path)
+            daemon, _ = listener.accept()
+            with daemon:
+                daemon.send(question)
+                with pytest.raises(oqtal.PeerError, match="another version"):
+                    served.result(timeout=60)
 
 
 def returning(value):

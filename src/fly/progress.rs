@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use oqtal_bus::code::{ControlHolder, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{ControlHolder, HandoverCause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{TelemetryV1, VehicleV1};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
@@ -21,13 +21,14 @@ use oqtal_observe::recorder::Recorder;
 const OBSTACLE_TIMEOUT: Span = Span::from_millis(1000);
 
 /// Progress bar: one line on standard error, cut off at the width of the terminal and removed on drop; invisible if standard
-/// error is not a terminal. Obstacles to the take-off are always printed on standard error.
+/// error is not a terminal. Obstacles to the take-off and the first hand-over to the fallback law are always printed there.
 #[derive(Debug)]
 pub struct FlightProgress {
     bar: ProgressBar,
     /// Whether a flight was requested; `false` in a replay.
     awaits_flight: bool,
     obstruction: Cell<Obstruction>,
+    fallback_is_said: Cell<bool>,
 }
 
 /// Obstacles to the take-off.
@@ -46,7 +47,8 @@ impl FlightProgress {
         bar.set_style(style.expect("the template is constant and valid"));
         bar.set_message("waiting for the processes");
         let awaits_flight = mission.recording.is_none();
-        Self { bar, awaits_flight, obstruction: Cell::default() }
+        let (obstruction, fallback_is_said) = (Cell::default(), Cell::default());
+        Self { bar, awaits_flight, obstruction, fallback_is_said }
     }
 
     /// Shows the newest tick of `recorder`.
@@ -56,6 +58,9 @@ impl FlightProgress {
         // After a flight they are obstacles to another one, which nobody awaits.
         if self.awaits_flight && !recorder.was_armed() {
             self.report_obstacles(telemetry);
+        }
+        if telemetry.fallback == 1 && !self.fallback_is_said.get() {
+            self.report_fallback(telemetry);
         }
         if telemetry.mission_s.is_finite() {
             self.bar.set_position(telemetry.mission_s.max(0.0) as u64);
@@ -90,6 +95,15 @@ impl FlightProgress {
             self.bar.suspend(|| say(&format!("oqtal: no take-off yet: {obstacles}")));
         }
         self.obstruction.set(Obstruction { obstacles, since, is_said: is_said || is_long });
+    }
+
+    /// Prints why the fallback law flies, at the first hand-over.
+    fn report_fallback(&self, telemetry: &TelemetryV1) {
+        let cause = HandoverCause::from_code(telemetry.handover_cause);
+        if let Some(cause) = cause.filter(|cause| *cause != HandoverCause::None) {
+            self.bar.suspend(|| say(&format!("oqtal: the fallback law flies: {cause}")));
+            self.fallback_is_said.set(true);
+        }
     }
 
     /// Removes the bar.

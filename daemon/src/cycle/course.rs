@@ -2,7 +2,7 @@
 
 mod attitude;
 
-use nalgebra::{Vector3, Vector4};
+use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::message::ReferenceV1;
 use oqtal_bus::time::{Span, Time};
@@ -47,6 +47,8 @@ pub(super) struct FlightCourse {
     mission: Option<ActiveMission>,
     /// The reference of this tick: it is flown, and the limits of the flight are relative to it.
     setpoint: CheckedSetpoint,
+    /// Whether the check of this tick replaced the reference, or its heading.
+    is_replaced: bool,
     /// The last position inside the soft border of the fence \[m, world\].
     inside: Option<Vector3<f64>>,
     /// The instant since which the vehicle, which lands, is at rest.
@@ -72,6 +74,7 @@ impl FlightCourse {
             vehicle: [Vector3::zeros(); 2],
             mission: None,
             setpoint: CheckedSetpoint::default(),
+            is_replaced: false,
             inside: None,
             at_rest_since: None,
             is_descent: false,
@@ -90,11 +93,22 @@ impl FlightCourse {
         &self.setpoint
     }
 
-    /// The reference of the plan, or of a planner, at `at`; `None` without one, and while the reference is refused.
-    pub(super) fn reference_at(&self, at: Time) -> Option<Reference> {
-        let mission = self.mission.as_ref().filter(|_| self.setpoint.refusal.is_none())?;
+    /// The reference of the plan, or of a planner, at `at`, raised above the floor like that of this tick, and with its heading turned by
+    /// `offset_rad` \[rad\]; `None` without one, and while the check replaces the reference.
+    pub(super) fn reference_at(&self, at: Time, offset_rad: f64) -> Option<Reference> {
+        let mission = self.mission.as_ref().filter(|_| !self.is_replaced)?;
+        let mut reference = self.unchecked(mission, at);
+        reference.yaw_rad += offset_rad;
+        Some(match self.observe_only {
+            true => reference,
+            false => self.clearance.raised(reference, self.room.least_m()),
+        })
+    }
+
+    /// The reference of `mission`, or of a planner, at `at`, before any check.
+    fn unchecked(&self, mission: &ActiveMission, at: Time) -> Reference {
         let streamed = self.stream.reference(at).filter(|_| !mission.is_held());
-        Some(streamed.unwrap_or_else(|| mission.reference(at)))
+        streamed.unwrap_or_else(|| mission.reference(at))
     }
 
     /// Source of the references.
@@ -149,8 +163,7 @@ impl FlightCourse {
     pub(super) fn update_setpoint(&mut self, now: Time) {
         self.expire_stream(now);
         let Some(mission) = &self.mission else { return };
-        let streamed = self.stream.reference(now).filter(|_| !mission.is_held());
-        let reference = streamed.unwrap_or_else(|| mission.reference(now));
+        let reference = self.unchecked(mission, now);
         self.setpoint = match self.observe_only {
             true => CheckedSetpoint { reference: Some(reference), refusal: None },
             false => self.check.pass(mission.changes(), &reference),
@@ -160,20 +173,9 @@ impl FlightCourse {
             let raised = |reference| self.clearance.raise(now, reference, heights);
             self.setpoint.reference = self.setpoint.reference.map(raised);
         }
+        self.is_replaced = self.setpoint.refusal.is_some();
+        // Of a planner's reference that was refused, the one before is followed: the check replaces nothing.
         self.setpoint.refusal = self.stream.take_refusal().or(self.setpoint.refusal);
-    }
-
-    /// The motion of the reference at `now`; `None` on the ground. Of a planner's attitude it is the motion of the vehicle.
-    fn motion(&self, now: Time) -> Option<ReferenceMotion> {
-        let mission = self.mission.as_ref()?;
-        let Some(mut motion) = self.stream.motion(now) else { return Some(mission.motion(now)) };
-        if self.stream.prescribes_attitude() {
-            let [position, velocity] = self.vehicle;
-            motion.value = position.xy().push(motion.value.z).push(motion.value.w);
-            motion.rate = velocity.xy().push(0.0).push(0.0);
-            motion.acceleration = Vector4::zeros();
-        }
-        Some(motion)
     }
 
     /// Brings the vehicle to rest where a planner's references ended.

@@ -22,7 +22,7 @@ impl TickReport {
     /// The report before the first pose.
     pub(super) fn new() -> Self {
         let unknown = [f64::NAN; 3];
-        let telemetry = TelemetryV1 {
+        let mut telemetry = TelemetryV1 {
             mission_s: f64::NAN,
             planned_landing_s: f64::NAN,
             reference_velocity: unknown,
@@ -35,20 +35,9 @@ impl TickReport {
             pose_position: unknown,
             pose_attitude: [f64::NAN; 4],
             pose_residual_m: f64::NAN,
-            filter_position: unknown,
-            filter_velocity: unknown,
-            filter_attitude: [f64::NAN; 4],
-            filter_rate: unknown,
-            innovation_position: unknown,
-            innovation_attitude: unknown,
-            nis: [f64::NAN; 2],
-            adapted_rate_gain: unknown,
-            adapted_rate_lag_s: f64::NAN,
-            adapted_delay_s: f64::NAN,
-            adapted_thrust_gain: f64::NAN,
-            adapted_thrust_lag_s: f64::NAN,
             ..TelemetryV1::default()
         };
+        clear_filter(&mut telemetry);
         Self { telemetry }
     }
 
@@ -70,15 +59,18 @@ impl TickReport {
         telemetry.pose_position = pose.position;
         telemetry.pose_attitude = pose.attitude;
         telemetry.pose_residual_m = pose.residual_m;
+        // The law may have changed since the last pose.
+        clear_filter(telemetry);
         let Some((motion, innovation)) = tracker.filtered() else { return };
         telemetry.filter_position = motion.position.into();
         telemetry.filter_velocity = motion.velocity.into();
         telemetry.filter_attitude = motion.attitude.xyzw();
         telemetry.filter_rate = motion.rate.into();
-        let unknown = [f64::NAN; 3];
-        telemetry.innovation_position = innovation.map_or(unknown, |i| i.position.into());
-        telemetry.innovation_attitude = innovation.map_or(unknown, |i| i.attitude.into());
-        telemetry.nis = innovation.map_or([f64::NAN; 2], |i| [i.position_nis, i.attitude_nis]);
+        if let Some(innovation) = innovation {
+            telemetry.innovation_position = innovation.position.into();
+            telemetry.innovation_attitude = innovation.attitude.into();
+            telemetry.nis = [innovation.position_nis, innovation.attitude_nis];
+        }
         if let Some(adapted) = tracker.adapted() {
             record_adapted(telemetry, &adapted);
         }
@@ -159,6 +151,24 @@ impl TickReport {
         self.telemetry.command_sequence = sequence;
         self.telemetry.deadline_misses = deadline_misses;
     }
+}
+
+/// Sets the motion of a filter and the adapted model to unknown: not every law flies on them.
+fn clear_filter(telemetry: &mut TelemetryV1) {
+    let unknown = [f64::NAN; 3];
+    telemetry.filter_position = unknown;
+    telemetry.filter_velocity = unknown;
+    telemetry.filter_attitude = [f64::NAN; 4];
+    telemetry.filter_rate = unknown;
+    telemetry.innovation_position = unknown;
+    telemetry.innovation_attitude = unknown;
+    telemetry.nis = [f64::NAN; 2];
+    telemetry.adapted_rate_gain = unknown;
+    telemetry.adapted_rate_lag_s = f64::NAN;
+    telemetry.adapted_delay_s = f64::NAN;
+    telemetry.adapted_thrust_gain = f64::NAN;
+    telemetry.adapted_thrust_lag_s = f64::NAN;
+    telemetry.fell_back = 0;
 }
 
 /// Fills in the model adapted in flight.

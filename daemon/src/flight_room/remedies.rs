@@ -13,7 +13,7 @@ use crate::flyable::{exceeding, least_factor};
 const OUTWARD_M: f64 = 1e-12;
 
 /// The next centimetre below `value_m` \[m\].
-fn below(value_m: f64) -> f64 {
+pub(super) fn below(value_m: f64) -> f64 {
     (((value_m - OUTWARD_M) * 100.0).ceil() - 1.0) / 100.0
 }
 

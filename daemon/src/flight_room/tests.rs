@@ -1,7 +1,10 @@
 use super::*;
+use crate::room::StoppingRoom;
 use crate::trajectory;
+use nalgebra::Vector4;
+use oqtal_bus::code::Cause;
 use oqtal_config::Setting;
-use oqtal_control::trajectory::{FlightPlan, Reference, Waypoints};
+use oqtal_control::trajectory::{Detour, FlightPlan, Reference, ReferenceMotion, Waypoints};
 
 fn check(settings: &[&str], start: Option<Vector3<f64>>) -> Result<(), String> {
     let settings: Vec<_> =
@@ -143,6 +146,10 @@ fn no_accepted_flight_has_a_heading_that_the_daemon_refuses() {
     assert!(told.starts_with("`trajectory.settle-s` is 0, it must be at least 3.1"), "{told}");
     let brief = "t,x,y,z,yaw_deg\n0,0,0,1,0\n5,0,0,1,0\n5.002,0,0,1,160\n9,0,0,1,160\n";
     let told = refused(&WAYPOINTS, Some(brief)).unwrap();
+    assert!(told.contains("rad/s in yaw for the trajectory at 5.00 s"), "{told}");
+    assert!(!told.contains("would do"), "{told}");
+    let unlimited = [&WAYPOINTS[..], &["vehicle.preset=spacecraft"]].concat();
+    let told = refused(&unlimited, Some(brief)).unwrap();
     assert!(told.contains("0 s it turns by more than 137 deg in one tick"), "{told}");
     let step =
         ["trajectory.kind=step", "trajectory.step.axis=yaw", "trajectory.step.angle-deg=170"];
@@ -268,4 +275,34 @@ fn from_a_known_start_a_point_outside_is_reported() {
             && told.contains("at ["),
         "{told}"
     );
+}
+
+#[test]
+fn in_flight_the_points_from_which_a_trajectory_fits_are_told() {
+    let small = ["fence.x-m=[-2.0, 2.0]", "fence.y-m=[-2.0, 2.0]", "fence.soft-margin-m=1.0"];
+    let circle = ["trajectory.kind=\"circle\"", "trajectory.circle.radius-m=0.65"];
+    let (config, trajectory) = flight(&[&small[..], &circle].concat(), None);
+    let told = fitting_starts(&config, &trajectory);
+    assert!(told.contains("it fits from x = 0.41 to 0.89, y = -0.24 to 0.24, z = "), "{told}");
+    let room = StoppingRoom::new(&config);
+    let fits = |x: f64| {
+        let (rate, acceleration) = (Vector4::zeros(), Vector4::zeros());
+        let rest = ReferenceMotion { value: Vector4::new(x, 0.24, 1.0, 0.0), rate, acceleration };
+        let detour = Detour::fly(trajectory.clone(), &rest, &Vector4::zeros(), room.legs());
+        room.require(&detour, 1.0)
+    };
+    assert_eq!([fits(0.41), fits(0.89)], [Ok(()); 2]);
+    assert_eq!(fits(0.0), Err(Cause::Fence));
+    let corners = "fence.polygon-m=[[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]]";
+    let (config, trajectory) = flight(&[&[corners][..], &circle].concat(), None);
+    let told = fitting_starts(&config, &trajectory);
+    assert!(told.contains("it goes from x = -1.30 to 0.00, y = -0.65 to 0.65, z = "), "{told}");
+}
+
+#[test]
+fn a_point_is_flown_to_with_room_for_tracking_inside_the_soft_border() {
+    let config = Config::default();
+    let border_m = config.fence.x_m[1] - config.fence.soft_margin_m;
+    let is_flown = |x: f64| require_target(&config, &Vector4::new(x, 0.0, 1.0, 0.0)).is_ok();
+    assert_eq!([border_m - 0.11, border_m - 0.09].map(is_flown), [true, false]);
 }

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use oqtal_bus::code::{Answer, Cause, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, OperatorCommand, SafetyState};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::handoff::RtHandle;
 
@@ -180,4 +181,13 @@ fn must_be_timely(command: OperatorCommand) -> bool {
 /// The refusal for the reason `cause`, with mode and state as in `present`.
 pub(super) fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
     ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
+}
+
+/// `response`, with the place that a change of the course needs if the fence refuses it there.
+pub(super) fn with_place(response: ControlResponseV1, needs: &str) -> ControlResponseV1 {
+    let is_held = response.state == SafetyState::Hold.code();
+    match response.cause == Cause::Fence.code() && !is_held {
+        true => ControlResponseV1 { text: LongText::new(needs), ..response },
+        false => response,
+    }
 }

@@ -345,3 +345,15 @@ fn a_request_that_needs_a_flight_is_refused_without_one_also_while_the_loop_stan
     requests.last.first_flight = FirstFlight::Expected;
     assert_eq!(answer(&mut requests, Land), accepted, "calls off the expected flight");
 }
+
+#[test]
+fn a_trajectory_that_the_fence_refuses_is_answered_with_the_place_that_it_needs() {
+    let told = |cause: Cause, state: SafetyState| {
+        let (cause, state) = (cause.code(), state.code());
+        let response = ControlResponseV1 { cause, state, ..answers(Answer::Refused) };
+        with_place(response, "it fits there").text
+    };
+    assert_eq!(told(Cause::Fence, SafetyState::Nominal).as_str(), "it fits there");
+    assert!(told(Cause::Fence, SafetyState::Hold).is_empty(), "the fence holds the vehicle");
+    assert!(told(Cause::NearFloor, SafetyState::Nominal).is_empty());
+}

@@ -137,6 +137,21 @@ fn an_operator_ends_a_stream_until_its_planner_pauses() {
 }
 
 #[test]
+fn f35_a_slow_planner_does_not_take_the_vehicle_back_within_one_validity() {
+    let validity = oqtal_config::Setting::flag("test", "reference.longest-validity-ms", 1500);
+    let mut stream = ReferenceStream::new(&Config::from_settings(&[validity]).unwrap());
+    let resting = |millis| ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(millis) };
+    stream.receive(at(0), (7, &resting(0)), Some((&present(), &room(0.0))));
+    stream.end();
+    for millis in [1000, 2000, 3400] {
+        stream.receive(at(millis), (7, &resting(millis)), Some((&present(), &room(0.0))));
+        assert!(!stream.is_followed(), "{millis} ms");
+    }
+    stream.receive(at(4950), (7, &resting(4950)), Some((&present(), &room(0.0))));
+    assert!(stream.is_followed(), "it paused");
+}
+
+#[test]
 fn a_planners_attitude_may_turn_on_step_by_step() {
     let mut stream = stream();
     for step in 0..24_i64 {

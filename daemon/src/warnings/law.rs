@@ -2,6 +2,9 @@
 
 use oqtal_config::Config;
 use oqtal_control::controller::ControllerName;
+use oqtal_control::trajectory::{Phase, Reference};
+
+use crate::law_guard::{note_below_envelope, note_on_fallback};
 
 /// Note that the configured law has no effect, because the vehicle has its own attitude loop.
 pub(super) fn replaced(config: &Config) -> Option<String> {
@@ -30,6 +33,14 @@ pub(super) fn feed_forward_off(config: &Config) -> Option<String> {
     })
 }
 
+/// Note that a part of the path is so low that a guarded law cannot fly it.
+pub(super) fn too_low(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
+    let is_flight =
+        |reference: &&Reference| matches!(reference.phase, Phase::Settle | Phase::Trajectory);
+    let flown = samples.iter().map(|(_, reference)| reference).filter(is_flight);
+    note_below_envelope(config, flown.map(|it| it.position.z).fold(f64::INFINITY, f64::min))
+}
+
 /// Note that gains of position loops are changed that do not fly.
 pub(super) fn position_gains_unused(config: &Config) -> Option<String> {
     let gains = |config: &Config| {
@@ -51,4 +62,24 @@ pub(super) fn position_gains_unused(config: &Config) -> Option<String> {
             config.control.controller
         )
     })
+}
+
+/// Notes on settings that change from those of `present` to those of `next` without effect on the law that flies.
+pub(crate) fn without_effect(present: &Config, next: &Config) -> impl Iterator<Item = String> {
+    note_on_fallback(present, next).into_iter().chain(of_other_laws(present, next))
+}
+
+/// Note on changed settings of laws that do not fly; those of a fallback law are not counted.
+fn of_other_laws(present: &Config, next: &Config) -> Option<String> {
+    let flown = [next.control.controller, next.control.built_in()];
+    let flown = flown.into_iter().chain(next.control.fallback).map(ControllerName::name);
+    let flown: Vec<_> = flown.collect();
+    let others = ControllerName::NAMES.into_iter().filter(|name| !flown.contains(name));
+    let others: Vec<_> = others.map(|name| format!("control.{name}.")).collect();
+    let changed = present.differences(next).unwrap_or_default();
+    let keys = changed.iter().filter_map(|line| line.split('=').next());
+    let unused = keys.filter(|key| others.iter().any(|other| key.starts_with(other)));
+    let unused: Vec<_> = unused.collect();
+    (!unused.is_empty())
+        .then(|| format!("{}: no effect under the law that flies, {}", unused.join(", "), flown[0]))
 }

@@ -5,7 +5,7 @@ use oqtal_config::{Config, Fidelity, Interface, MocapModel};
 /// Difference between the thrust of the simulated rotors and the configured one without a note \[-\].
 const MOST_ROTOR_DIFFERENCE: f64 = 0.1;
 
-/// Note on simulated rotors that a vehicle commanded by torque does not have, or that do not give its greatest thrust.
+/// Note on simulated rotors that a vehicle commanded by torque does not have, or whose thrust differs from its greatest one.
 pub(super) fn rotors(config: &Config) -> Option<String> {
     let (plant, rotors) = (&config.plant, &config.plant.rotors);
     if plant.interface == Interface::Torque {
@@ -14,12 +14,16 @@ pub(super) fn rotors(config: &Config) -> Option<String> {
         });
     }
     let thrust_n = 4.0 * rotors.thrust_coefficient * rotors.max_speed_rad_s.powi(2);
-    let differs = (thrust_n / plant.max_thrust_n - 1.0).abs() > MOST_ROTOR_DIFFERENCE;
+    let greatest_n = plant.max_thrust_n;
+    let differs = (thrust_n / greatest_n - 1.0).abs() > MOST_ROTOR_DIFFERENCE;
     (plant.fidelity == Fidelity::Rotors && differs).then(|| {
-        let speed = (0.25 * plant.max_thrust_n / rotors.thrust_coefficient).sqrt();
+        let speed = (0.25 * greatest_n / rotors.thrust_coefficient).sqrt();
+        let effect = match thrust_n < greatest_n {
+            true => "the rotors saturate below full thrust",
+            false => "the commands use less, and the torques have the rest",
+        };
         format!(
-            "with fidelity=rotors the four rotors give {thrust_n:.1} N, not plant.max-thrust-n = {} N: set plant.rotors.max-speed-rad-s to {speed:.0}, or the greatest thrust to theirs",
-            plant.max_thrust_n
+            "with fidelity=rotors the four rotors can give up to {thrust_n:.1} N, and commands follow plant.max-thrust-n = {greatest_n} N: {effect}; rotors of that thrust have plant.rotors.max-speed-rad-s = {speed:.0}"
         )
     })
 }

@@ -49,6 +49,18 @@ fn a_speed_beyond_the_limit_is_reported_with_its_instant_and_a_remedy() {
 }
 
 #[test]
+fn f70_a_path_on_which_the_envelope_leaves_the_law_no_room_is_told() {
+    let height = |height: &str, law| told(&["trajectory.kind=hover", height, law], None).join("\n");
+    let (low, high) = ("trajectory.height-m=0.2", "trajectory.height-m=0.5");
+    for guarded in ["control.controller=external", "control.fallback=geometric"] {
+        let text = height(low, guarded);
+        assert!(text.contains("at 0.20 m above the floor the fallback law flies"), "{text}");
+        assert_eq!(height(high, guarded), "", "{guarded}");
+    }
+    assert_eq!(height(low, "control.controller=geometric"), "");
+}
+
+#[test]
 fn a_warning_names_a_law_that_the_vehicle_replaces() {
     let attitude = "vehicle.interface=attitude";
     let text = told(&[attitude, "control.controller=lqr"], None).join("\n");
@@ -64,6 +76,20 @@ fn a_warning_of_old_poses_names_every_limit_below_their_age() {
     let keys = "raise safety.max-pose-age-ms and safety.pose-age-limit-ms";
     assert!(both.ends_with(keys), "{both}");
     assert!(one.ends_with("raise safety.pose-age-limit-ms"), "{one}");
+}
+
+#[test]
+fn a_change_of_a_law_that_does_not_fly_is_reported() {
+    let config = |gain: &str| {
+        let settings = ["control.controller=oqtal-dt", gain];
+        Config::from_settings(&settings.map(|text| Setting::parse("test", text).unwrap())).unwrap()
+    };
+    let of = |gain| {
+        without_effect(&Config::from_settings(&[]).unwrap(), &config(gain)).collect::<Vec<_>>()
+    };
+    let text = of("control.lqr.attitude-weight=10").join("\n");
+    assert_eq!(text, "control.lqr.attitude-weight: no effect under the law that flies, oqtal-dt");
+    assert!(of("control.oqtal-dt.attitude-weight=900").is_empty());
 }
 
 #[test]
@@ -172,11 +198,28 @@ fn a_rate_that_the_cameras_cannot_deliver_and_a_cover_without_effect_are_reporte
 }
 
 #[test]
+fn poses_expected_at_another_rate_than_that_of_the_emulated_cameras_are_reported() {
+    let rates = ["control.rate-hz=100", "safety.pose-rate-hz=100"];
+    let text = told(&rates, None).join("\n");
+    assert!(text.starts_with("mocap.rate-hz is 60 and safety.pose-rate-hz 100"), "{text}");
+    let real = "receiver.link=\"vrpn:127.0.0.1,Tracker0\"";
+    for remedy in [text.rsplit("set ").next().unwrap(), real] {
+        let told = told(&[&rates[..], &[&remedy.replace(' ', "")]].concat(), None);
+        assert!(told.is_empty(), "{remedy}: {told:?}");
+    }
+}
+
+#[test]
 fn rotors_without_effect_or_the_greatest_thrust_are_reported() {
     assert!(told(&["plant.fidelity=rotors"], None).is_empty());
     let other = ["plant.fidelity=rotors", "vehicle.mass-kg=1.35", "vehicle.max-thrust-n=31"];
     let told = told(&other, None);
-    assert!(told.iter().any(|text| text.contains("max-speed-rad-s to 1180")), "{told:?}");
+    assert!(
+        told.iter().any(|text| {
+            text.contains("saturate below full thrust") && text.contains("max-speed-rad-s = 1180")
+        }),
+        "{told:?}"
+    );
     let torque = ["vehicle.preset=spacecraft", "trajectory.kind=hover"];
     let of = |fidelity| self::told(&[&torque[..], &[fidelity]].concat(), None).join("\n");
     assert!(!of("plant.fidelity=eq61").contains("fidelity"));

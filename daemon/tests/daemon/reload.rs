@@ -75,6 +75,7 @@ fn a_refused_reload_names_the_key_as_the_file_has_it() {
             let refusal = settings.prepare(OperatorCommand::Reload, &request).unwrap_err();
             assert!(refusal.reason.contains("cannot change while"), "{refusal:?}");
             assert!(refusal.reason.contains(key), "{text}: {refusal:?}");
+            assert!(refusal.reason.contains("own.toml:1: "), "{text}: {refusal:?}");
         }
     }
 }

@@ -8,7 +8,7 @@ use oqtal_lab::simulation::online::OnlineFlight;
 use oqtal_observe::flight::Outcome;
 use oqtal_observe::summary::Summary;
 
-use super::{fly_for, hover, is_done, last, request};
+use super::{fly_for, goto, hover, is_done, last, request};
 use crate::external::pd::PositionPd;
 
 /// Settings of the law and of the loops around it; the fallback is the same law.
@@ -106,4 +106,15 @@ fn f70_gains_that_are_set_do_not_change_the_fallback_of_an_external_law() {
     let prepared = settings.prepare(OperatorCommand::Set, &gain).unwrap();
     let notes = settings.new_warnings(&prepared);
     assert!(notes.iter().any(|note| note.contains("keeps the gains")), "{notes:?}");
+}
+
+#[test]
+fn f70_a_point_at_which_the_envelope_leaves_the_law_no_room_is_answered_with_a_warning() {
+    let mission = hover(8.0, &["control.controller=external"]);
+    let settings = LiveSettings::new(&mission.config, &[]);
+    for (height_m, notes) in [(0.2, 1), (0.5, 0)] {
+        let point = goto([0.0, 0.0, height_m]);
+        let prepared = settings.prepare(OperatorCommand::Goto, &point).unwrap();
+        assert_eq!(settings.new_warnings(&prepared).len(), notes, "{height_m} m");
+    }
 }

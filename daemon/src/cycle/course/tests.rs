@@ -74,3 +74,49 @@ fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
     course.receive_reference(later, (7, &message(later)), true);
     assert_eq!(course.followed(later), Followed::Planner);
 }
+
+/// While a reference is refused, the one before is followed, also at the effect of a command.
+#[test]
+fn f35_a_refused_reference_leaves_that_of_the_effect_of_a_command_on_its_way() {
+    let (config, mut course) = course();
+    let mut now = Time::VIRTUAL_START;
+    course.begin_flight(now, &Estimate::default());
+    now = now + Span::from_seconds(config.trajectory.start_s() + 1.0);
+    course.update_setpoint(now);
+    let position = course.setpoint().reference.unwrap().position;
+    let message = |velocity: f64| ReferenceV1 {
+        time: now,
+        valid_until: now + Span::from_millis(100),
+        kind: ReferenceKind::Position.code(),
+        position: position.into(),
+        velocity: [velocity, 0.0, 0.0],
+        ..ReferenceV1::default()
+    };
+    course.receive_reference(now, (7, &message(0.5)), true);
+    course.receive_reference(now, (7, &message(9.0)), true);
+    course.update_setpoint(now);
+    assert!(course.setpoint().refusal.is_some());
+    let ahead = course.reference_at(now + Span::from_millis(40), 0.1).unwrap();
+    assert!((ahead.position.x - position.x - 0.02).abs() < 1e-9, "{ahead:?}");
+    let turned_rad = ahead.yaw_rad - course.setpoint().reference.unwrap().yaw_rad;
+    assert!((turned_rad - 0.1).abs() < 1e-9, "{turned_rad}");
+}
+
+/// A vehicle below its reference must not touch the floor under an external law either.
+#[test]
+fn the_reference_of_the_effect_of_a_command_is_raised_like_that_of_the_tick() {
+    let (config, mut course) = course();
+    let start = Time::VIRTUAL_START;
+    course.begin_flight(start, &Estimate::default());
+    let flying = start + Span::from_seconds(config.trajectory.start_s() + 1.0);
+    let low = Estimate { position: Vector3::z() * 0.7, ..Estimate::default() };
+    for tick in 0..300 {
+        let now = flying + Span::from_millis(16 * tick);
+        course.begin_tick(now, &low, false);
+        course.room.begin_flight(0.9);
+        course.update_setpoint(now);
+        let flown = course.setpoint().reference.unwrap();
+        assert_eq!(course.reference_at(now, 0.0), Some(flown));
+    }
+    assert!(course.setpoint().reference.unwrap().position.z > 1.1);
+}
