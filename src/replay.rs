@@ -32,7 +32,7 @@ pub struct ReplayArgs {
     /// Replay with another value of the configuration (open loop); may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
-    /// Write recorded and replayed commands, a row for each tick
+    /// Write recorded and replayed commands, a row for each tick in both
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     /// Print the result as JSON
@@ -228,7 +228,7 @@ fn origin(results: &[ReplayResult]) -> Time {
     ticks.clone().find(is_armed).or(ticks.next()).map(|tick| tick.time).unwrap_or_default()
 }
 
-/// One row per tick: time, then every number as recorded and as replayed.
+/// One row per tick that was recorded and replayed: time, then every number as recorded and as replayed.
 fn csv(results: &[ReplayResult]) -> String {
     let pair = |name: &&str| format!(",{name},replayed_{name}");
     let mut text = format!("t_s{}\n", NAMES.iter().map(pair).collect::<String>());
@@ -305,7 +305,7 @@ impl ReplayReport {
         }
         if self.missing > 0 {
             text += &format!(
-                "\n{} messages that the daemon took are not in the recording",
+                "\n{} messages that the daemon received or sent are not in the recording",
                 self.missing
             );
         }

@@ -100,7 +100,15 @@ impl Environment {
         let mission = Mission::new(config)?;
         let lane = begin(&mission, task)?;
         let (past, captured_at) = ([[0.0; ACTION]; PAST], Time::UNSET);
-        let (reference, estimate) = (mission.trajectory.sample(0.0), Estimate::default());
+        let start = mission.trajectory.sample(0.0);
+        // A trajectory may begin in motion.
+        let reference = match task {
+            Task::Track => start,
+            Task::Hover | Task::Recover | Task::Floor => {
+                Reference::rest(start.position, start.phase)
+            }
+        };
+        let estimate = Estimate::default();
         let mut new = Self {
             mission,
             task,
@@ -267,4 +275,25 @@ fn begin(mission: &Mission, task: Task) -> Result<Lane, Failure> {
         }
     };
     Lane::begin(mission, start)
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_config::Setting;
+
+    use super::*;
+
+    #[test]
+    fn the_reference_of_a_fixed_point_is_at_rest() {
+        let settings = ["trajectory.kind=circle", "trajectory.circle.ramp-s=0.0"];
+        let settings = settings.map(|text| Setting::parse("test", text).unwrap());
+        let config = Config::from_settings(&settings).unwrap();
+        let velocity = |task| {
+            let mut environment = Environment::new(config.clone(), task, 1.0).unwrap();
+            environment.reset(2).unwrap();
+            Vector3::from_row_slice(&environment.reference()[3..]).norm()
+        };
+        assert!(velocity(Task::Track) > 0.1);
+        assert_eq!([Task::Hover, Task::Recover, Task::Floor].map(velocity), [0.0; 3]);
+    }
 }

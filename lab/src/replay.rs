@@ -65,7 +65,7 @@ pub struct ReplayResult {
     pub ticks: Vec<ReplayedTick>,
     /// Ticks that occur only in the recording or only in the replay.
     pub unmatched: Vec<UnmatchedTick>,
-    /// Number of messages that the daemon received but the recording lacks \[-\].
+    /// Number of messages that the daemon received or sent but the recording lacks \[-\].
     pub missing: u64,
 }
 
@@ -233,6 +233,7 @@ impl ReplayBench {
                     self.result.missing += 1;
                     return Ok(());
                 };
+                self.result.missing += u64::from(turn.telemetry.is_none());
                 let telemetry_agrees =
                     turn.telemetry.is_none_or(|recorded| bits(&recorded) == bits(&telemetry));
                 let is_identical = bits(&recorded) == bits(&command)

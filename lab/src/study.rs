@@ -188,15 +188,20 @@ impl Study<'_> {
 
     /// Checks settings and trajectories of every law in every case.
     fn check(&self) -> Result<(), Failure> {
-        for law in self.laws {
-            for case in self.cases {
-                let Some(first) = case.conditions.first() else { continue };
-                for test in &case.tests {
-                    Mission::new(flights::config(law, first, *test)?)?;
-                }
-            }
-        }
-        Ok(())
+        let is_like = |a: &FlightCondition, b: &FlightCondition| {
+            (&a.settings, a.plant.name) == (&b.settings, b.plant.name)
+        };
+        let pairs = self.laws.iter().flat_map(|law| self.cases.iter().map(move |case| (law, case)));
+        let different: Vec<_> = pairs
+            .flat_map(|(law, case)| {
+                let firsts = case.conditions.chunk_by(is_like).map(|alike| &alike[0]);
+                firsts.flat_map(move |first| case.tests.iter().map(move |test| (law, first, *test)))
+            })
+            .collect();
+        let failure = different.into_par_iter().find_map_first(|(law, condition, test)| {
+            flights::config(law, condition, test).and_then(Mission::new).err()
+        });
+        failure.map_or(Ok(()), Err)
     }
 
     fn flights(&self) -> Vec<(&StudyLaw, &Case, &FlightCondition)> {
@@ -247,9 +252,16 @@ impl Flown {
         landed
     }
 
-    /// Mean of each figure over the flights that landed as planned; NaN if none did.
+    /// Mean of each figure over the flights that landed as planned; NaN if none did, or for a settling time that one did not reach.
     pub fn mean_of_landed(&self) -> Figures {
-        std::array::from_fn(|metric| mean(&self.landed(metric)))
+        std::array::from_fn(|metric| {
+            let is_unreached = |run: &Run| {
+                let of = |test: &Test| test.figures().contains(&metric) && run.is_as_planned(*test);
+                run.figures[metric].is_infinite() && Test::ALL.iter().any(of)
+            };
+            let has_value = !self.runs.iter().any(is_unreached);
+            if has_value { mean(&self.landed(metric)) } else { f64::NAN }
+        })
     }
 
     /// Mean of a figure over all runs, with its confidence interval.
@@ -282,7 +294,7 @@ impl Flown {
 pub(crate) mod tests {
     use super::*;
     use flights::TestEnd;
-    use metric::METRICS;
+    use metric::{METRICS, OVERSHOOT, SETTLE};
     use oqtal_observe::flight::Outcome;
 
     /// Run whose figures all have this value; of a flight that was stopped if it is infinite.
@@ -315,11 +327,15 @@ pub(crate) mod tests {
     fn flights_that_did_not_land_are_the_worst() {
         let mut values: Vec<f64> = (0..100).map(f64::from).collect();
         values[17] = f64::INFINITY;
-        let flown = flown("pid", &values);
+        let mut flown = flown("pid", &values);
         let quantiles = [0.95, 1.0].map(|share| flown.quantile(0, share));
         assert_eq!((flown.median(0), quantiles), (50.5, [95.0, f64::INFINITY]));
         assert_eq!((flown.percent(Run::all_as_planned), flown.mean()[0]), (99.0, f64::INFINITY));
-        assert_eq!(flown.mean_of_landed()[0], (4950.0 - 17.0) / 99.0);
+        let mean = (4950.0 - 17.0) / 99.0;
+        assert_eq!(flown.mean_of_landed(), [mean; METRICS]);
+        flown.runs[0].figures[SETTLE] = f64::INFINITY;
+        let figures = flown.mean_of_landed();
+        assert!(figures[SETTLE].is_nan() && figures[OVERSHOOT] == mean, "{figures:?}");
     }
 
     #[test]
@@ -355,10 +371,8 @@ pub(crate) mod tests {
     #[test]
     fn an_invalid_setting_is_found_before_the_first_flight() {
         let laws = [StudyLaw::new("pid", Vec::new(), "")];
-        let cases = [
-            Case::of_seeds("a", 1..2),
-            Case::of_seeds("b", 1..2).with(Setting::flag("", "plant.nothing", 1.0)),
-        ];
+        let mut cases = [Case::of_seeds("a", 1..2), Case::of_seeds("b", 1..4)];
+        cases[1].conditions[2].settings.push(Setting::flag("", "plant.nothing", 1.0));
         let study = Study { name: "", laws: &laws, cases: &cases };
         let failure = study.fly(&Progress::default()).unwrap_err();
         assert!(failure.to_string().contains("plant.nothing"), "{failure}");

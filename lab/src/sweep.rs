@@ -1,6 +1,6 @@
 //! `oqtal sweep`: figures of laws over values of any keys of the configuration.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -246,7 +246,36 @@ impl SweepArgs {
         let table = text_table::blocks(&named, &figures, &lines.collect::<Vec<_>>());
         let flown: Vec<Flown> = rows.iter().map(|row| row.flown.clone()).collect();
         let seeds = self.seeds.clone().count();
-        format!("means over {seeds} seeds for each row\n{table}\n{}", failure::text(&flown, &table))
+        let idle: String = self.idle_keys(rows).iter().map(|line| format!("{line}\n")).collect();
+        let failures = failure::text(&flown, &table);
+        format!("means over {seeds} seeds for each row\n{table}\n{idle}{failures}")
+    }
+
+    /// The keys whose values make no difference to some laws, one line each.
+    fn idle_keys(&self, rows: &[SweepRow]) -> Vec<String> {
+        let idle_key = |(k, axis): (usize, &Axis)| {
+            let (mut first, mut affected) = (BTreeMap::new(), BTreeSet::new());
+            for SweepRow { values, flown } in rows {
+                let mut others: Vec<String> = values.iter().map(shown).collect();
+                others.remove(k);
+                let figures = flown.mean_of_landed();
+                // Without a landing there is nothing to compare.
+                if figures.iter().all(|figure| figure.is_nan()) {
+                    affected.insert(&flown.law.name);
+                }
+                let figures = figures.map(csv_text::number);
+                if *first.entry((&flown.law.name, others)).or_insert_with(|| figures.clone())
+                    != figures
+                {
+                    affected.insert(&flown.law.name);
+                }
+            }
+            let idle: Vec<_> = self.laws.iter().filter(|law| !affected.contains(law)).collect();
+            let names = idle.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(", ");
+            (!idle.is_empty()).then(|| format!("{} makes no difference to {names}", axis.key))
+        };
+        let axes = self.axes.iter().enumerate();
+        axes.filter(|(_, axis)| axis.values.len() > 1).filter_map(idle_key).collect()
     }
 }
 
@@ -287,6 +316,16 @@ fn shown(value: &toml::Value) -> String {
 mod tests {
     use super::*;
 
+    fn parsed(words: &[&str]) -> Result<SweepArgs, clap::Error> {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            sweep: SweepArgs,
+        }
+        let line = [&["sweep"], words].concat();
+        <Line as clap::Parser>::try_parse_from(line).map(|line| line.sweep)
+    }
+
     #[test]
     fn an_axis_is_evenly_spaced_or_listed() {
         let lag = Axis::parse("plant.rate-lag-ms=30:90:3").unwrap();
@@ -305,6 +344,20 @@ mod tests {
     }
 
     #[test]
+    fn a_key_that_makes_no_difference_is_named_with_the_laws() {
+        let sweep = parsed(&["a=1,2", "b=1,2,3", "c=1", "--laws=pid,oqtal"]).unwrap();
+        // `a` acts on `oqtal`, `b` on no law.
+        let row = |(law, a, b): (&'static str, i64, i64)| SweepRow {
+            values: [a, b, 1].map(toml::Value::from).to_vec(),
+            flown: crate::study::tests::flown(law, &[if law == "oqtal" { a as f64 } else { 1.0 }]),
+        };
+        let all = ["pid", "oqtal"].map(|law| [1, 2].map(|a| [1, 2, 3].map(|b| (law, a, b))));
+        let rows: Vec<SweepRow> = all.concat().concat().into_iter().map(row).collect();
+        let lines = ["a makes no difference to pid", "b makes no difference to pid, oqtal"];
+        assert_eq!(sweep.idle_keys(&rows), lines);
+    }
+
+    #[test]
     fn a_flight_that_the_fence_held_has_landed_and_not_as_planned() {
         let mut flown = crate::study::tests::flown("pid", &[1.0, 1.0]);
         flown.runs[0].ends[0].cause = Some(oqtal_observe::flight::HELD.to_owned());
@@ -317,13 +370,7 @@ mod tests {
 
     #[test]
     fn an_option_of_campaign_is_refused_with_the_option_of_a_sweep() {
-        #[derive(Debug, clap::Parser)]
-        struct Line {
-            #[command(flatten)]
-            _sweep: SweepArgs,
-        }
-        let line = ["sweep", "plant.mass-kg=1,2", "--runs", "3"];
-        let refused = <Line as clap::Parser>::try_parse_from(line).unwrap_err().to_string();
+        let refused = parsed(&["plant.mass-kg=1,2", "--runs", "3"]).unwrap_err().to_string();
         assert!(refused.contains("--seeds"), "{refused}");
     }
 

@@ -75,6 +75,10 @@ pub struct TuneArgs {
     pub live: LiveArgs,
 }
 
+/// Least disk margin in hover with which gains are applied \[-\]: less than of all gains in deploy/tuned, and enough for a change of
+/// gain by 16 % together with a lag of 8 deg.
+const LEAST_DISK_MARGIN: f64 = 0.15;
+
 /// Arguments of `oqtal tune --live`.
 #[derive(Args, Debug)]
 pub struct LiveArgs {
@@ -84,6 +88,9 @@ pub struct LiveArgs {
     /// With --live: change the gains in flight, and compare the hover before and after
     #[arg(long, requires = "live")]
     pub apply: bool,
+    /// With --apply: disk margin in hover below which gains are not applied, unless the present ones have even less
+    #[arg(long = "least-disk-margin", value_name = "ALPHA", requires = "apply", default_value_t = LEAST_DISK_MARGIN, value_parser = parse_margin)]
+    pub least_margin_ratio: f64,
     /// With --live: name of the instance
     #[arg(long, value_name = "NAME", requires = "live")]
     pub instance: Option<String>,
@@ -265,6 +272,11 @@ fn conclude(mut failed: Vec<(&str, Failure)>, all: usize) -> Result<Exit, Failur
 fn parse_points(text: &str) -> Result<usize, String> {
     let points: usize = text.parse().map_err(|_| "not a number".to_owned())?;
     if (1..=1_000_000).contains(&points) { Ok(points) } else { Err("not from 1 to 1000000".into()) }
+}
+
+fn parse_margin(text: &str) -> Result<f64, String> {
+    let margin = text.parse().ok().filter(|margin| (0.0..=2.0).contains(margin));
+    margin.ok_or_else(|| "not from 0 to 2".to_owned())
 }
 
 /// The file of tuned gains, and its page beside it.

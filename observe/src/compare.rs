@@ -19,6 +19,7 @@ use crate::plot::unit::{MISSING, significant, span, words};
 use crate::report::timeline::Timeline;
 use crate::summary::{ErrorFigures, Summary};
 use crate::table::{align, table};
+use crate::wire::place_of_losses;
 
 /// Letters and colours of the flights in plots and tables.
 const MARKS: [(&str, Ink); 6] = [
@@ -183,7 +184,9 @@ impl Comparison {
         }
         rows.push(self.row("deadlines missed", |s| s.deadline_misses.to_string()));
         rows.push(self.row("poses lost", |s| s.lost.pose.to_string()));
-        rows.push(self.row("commands lost", |s| s.lost.command.to_string()));
+        rows.push(self.row("commands lost", |s| {
+            format!("{}{}", s.lost.command, place_of_losses(s.wire.as_ref()))
+        }));
         ("Latency", self.header("hop, p50"), rows)
     }
 

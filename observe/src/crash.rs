@@ -13,9 +13,9 @@ use crate::flight_sample::FlightSample;
 const TURNED_OVER: f64 = 0.17;
 /// Speed towards the floor above which contact is a crash \[m/s\]: several times the speed of a landing.
 const HARD_M_S: f64 = 1.5;
-/// Height up to which a vehicle may be in contact with the floor \[m\].
+/// Height above the floor up to which a vehicle may be in contact with it \[m\].
 const AT_FLOOR_M: f64 = 0.05;
-/// Height below which a vehicle in flight is on the floor, or has just left it again \[m\]: more than it rises within a tick.
+/// Height above the floor below which a vehicle in flight is on it, or has just left it again \[m\]: more than it rises within a tick.
 const TOUCHED_M: f64 = 0.01;
 /// Distance beyond the fence at which the vehicle is lost \[m\].
 const LOST_M: f64 = 12.0;
@@ -56,8 +56,8 @@ impl Crash {
         }
     }
 
-    /// Crash of an armed vehicle in the state of `sample`; `None` if it flies.
-    pub fn of(sample: &FlightSample, fence: &FenceOptions) -> Option<Self> {
+    /// Crash of an armed vehicle in the state of `sample`, over a floor at `floor_m` \[m, world z\]; `None` if it flies.
+    pub fn of(sample: &FlightSample, fence: &FenceOptions, floor_m: f64) -> Option<Self> {
         let phase = sample.telemetry.phase;
         let is_airborne =
             [Phase::Settle, Phase::Trajectory].map(|phase| phase as u8).contains(&phase)
@@ -71,13 +71,18 @@ impl Crash {
         if beyond(fence, &position) > LOST_M {
             return Some(Self::Lost { position: position.into() });
         }
-        (is_airborne && position.z <= TOUCHED_M).then_some(Self::Floor)
+        (is_airborne && position.z <= floor_m + TOUCHED_M).then_some(Self::Floor)
     }
 
-    /// Crash of a vehicle, armed or not, that fell in the previous tick and was stopped by the floor; `None` otherwise.
-    pub fn at_touchdown(before: &FlightSample, sample: &FlightSample) -> Option<Self> {
+    /// Crash of a vehicle, armed or not, that fell in the previous tick and was stopped by the floor at `floor_m` \[m, world z\]; `None`
+    /// otherwise.
+    pub fn at_touchdown(
+        before: &FlightSample,
+        sample: &FlightSample,
+        floor_m: f64,
+    ) -> Option<Self> {
         let [speed, rest] = [before, sample].map(|sample| -sample.velocity().z);
-        let touches = sample.position().z < AT_FLOOR_M && rest < 0.5 * speed;
+        let touches = sample.position().z < floor_m + AT_FLOOR_M && rest < 0.5 * speed;
         (touches && speed > HARD_M_S).then_some(Self::Hard { speed })
     }
 }
@@ -123,7 +128,7 @@ mod tests {
     fn a_crash_has_a_cause_and_a_place() {
         let level = [0.0, 0.0, 0.0, 1.0];
         let config = Config::default();
-        let said = |sample| Crash::of(&sample, &config.fence).map(|crash| crash.to_string());
+        let said = |sample| Crash::of(&sample, &config.fence, 0.0).map(|crash| crash.to_string());
         assert_eq!(said(at([1.0, 1.0, 1.0], level)), None);
         assert_eq!(said(at([0.0, 0.0, 0.005], level)).unwrap(), "was on the floor");
         assert_eq!(said(at([0.0, 0.0, 0.02], level)), None);
@@ -143,7 +148,7 @@ mod tests {
             let truth = sample.truth.map(|truth| TruthV1 { velocity, ..truth });
             FlightSample { truth, ..sample }
         };
-        let said = |before, after| Crash::at_touchdown(&before, &after).map(|c| c.to_string());
+        let said = |before, after| Crash::at_touchdown(&before, &after, 0.0).map(|c| c.to_string());
         let hard = said(moving(0.03, -2.54), moving(0.0, 0.0));
         assert_eq!(hard.unwrap(), "hit the floor at 2.5 m/s");
         assert_eq!(said(moving(0.01, -0.6), moving(0.0, 0.0)), None, "a landing");

@@ -23,7 +23,7 @@ pub(crate) const COUNTED_AFTER: Span = Span::from_millis(1000);
 pub const HELD: &str = "held by the fence";
 
 /// Time since the beginning of a flight above which a record that begins then has missed the arming \[s\].
-const MISSED_ARMING_S: f64 = 0.1;
+pub(crate) const MISSED_ARMING_S: f64 = 0.1;
 
 /// Height above the vehicle's place at arming below which it has not taken off \[m\].
 const TAKEN_OFF_M: f64 = 0.05;
@@ -166,10 +166,6 @@ pub struct Flight {
     pub period_jitter: Distribution,
     /// Number of commands that never reached the vehicle.
     pub commands_lost: u64,
-    /// Number of poses with the same frame number as the previous pose.
-    pub poses_repeated: u64,
-    /// Number of commands that the vehicle received more than once.
-    pub commands_repeated: u64,
     /// Every command that reached the vehicle.
     pub applied: Vec<AppliedCommand>,
     /// Questions to an external law; none without one.
@@ -199,8 +195,6 @@ impl Flight {
             wakeup_lateness: Distribution::default(),
             period_jitter: Distribution::default(),
             commands_lost: 0,
-            poses_repeated: 0,
-            commands_repeated: 0,
             applied: Vec::with_capacity(4096),
             answers: AnswerCounts::default(),
             changes: Vec::new(),

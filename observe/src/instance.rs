@@ -2,6 +2,7 @@
 //! `oqtal monitor` and `oqtal view`.
 
 use std::collections::VecDeque;
+use std::path::PathBuf;
 
 use oqtal_bus::message::{HealthV1, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -164,6 +165,7 @@ impl InstanceModel {
                 (tick.body.position, age_s)
             }),
             awaits_stop: false,
+            daemon_config: PathBuf::new(),
         }
     }
 
@@ -301,6 +303,9 @@ mod tests {
         receive(&mut fresh, Role::Receiver, lost);
         let lines = fresh.status(Time::VIRTUAL_START).lines();
         assert!(lines[4].starts_with("receiver   cameras silent "), "{lines:?}");
+        receive(&mut fresh, Role::Receiver, HealthV1 { cause: Cause::NoBody.code(), ..late });
+        let lines = fresh.status(Time::VIRTUAL_START).lines();
+        assert!(lines[4].starts_with("receiver   the server has no such body "), "{lines:?}");
         let stale = model(&roles, Span::from_millis(101));
         let mut status = stale.status(Time::VIRTUAL_START);
         assert_eq!(status.lines()[1], "mocap-emu  not started, or ended");

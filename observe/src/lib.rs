@@ -11,18 +11,20 @@
 //! | `instance_observer.rs` | observer of an instance, also after the loss of its files |
 //! | `observed_process.rs` | a process of an observed instance, by its health messages |
 //! | `status.rs` | status of an instance, as text and as JSON |
+//! | `config_file.rs` | configuration of the last daemon of an instance |
 //! | `recording.rs` | recordings as MCAP files |
 //! | `event.rs` | events as text |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
 //! | `applied_command.rs` | commands that reached the vehicle, joined with their ticks |
+//! | `repeated.rs` | messages that were received more than once |
 //! | `law_query.rs` | law, trajectory and changed settings, asked of the daemon |
 //! | `nearest.rs` | joins ticks with the samples nearest in time |
 //! | `summary.rs` | figures of a flight, `summary.json` |
 //! | `latency.rs` | latency by hops, from capture to effect |
 //! | `command_path.rs` | path of commands to the vehicle |
 //! | `wire.rs` | figures of the wire to a vehicle |
-//! | `crash.rs` | detection of crashes |
+//! | `flight_end.rs`, `crash.rs` | detection of the end of a flight, and of crashes |
 //! | `shortfall.rs`, `reservation.rs` | reasons why a flight did not end as planned, and why its figures may be those of another |
 //! | `handovers.rs` | hand-overs from a law to its fallback |
 //! | `corners.rs`, `attitude_steps.rs`, `settling.rs` | figures at the corners of a path, and of a prescribed attitude; settling after steps |
@@ -43,6 +45,7 @@ mod applied_command;
 pub mod attitude_steps;
 pub mod command_path;
 pub mod compare;
+pub mod config_file;
 pub mod corners;
 pub mod crash;
 pub mod csv;
@@ -50,6 +53,7 @@ pub mod event;
 pub mod explain;
 pub mod fault;
 pub mod flight;
+mod flight_end;
 pub mod flight_sample;
 pub mod handovers;
 pub mod instance;
@@ -67,6 +71,7 @@ pub mod plot;
 pub mod provenance;
 pub mod recorder;
 pub mod recording;
+mod repeated;
 pub mod report;
 mod reservation;
 pub mod settling;

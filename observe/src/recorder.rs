@@ -1,9 +1,8 @@
-//! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
-//! recorded [`Flight`].
+//! The flight recorder: a sink that joins every tick of the daemon with the truth, and returns the recorded [`Flight`].
 
 use std::collections::{BTreeSet, HashMap};
 
-use oqtal_bus::code::{Answer, Mode, SafetyState};
+use oqtal_bus::code::Answer;
 use oqtal_bus::message::{EventV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
@@ -13,17 +12,12 @@ use crate::command_path::CommandPath;
 use crate::crash::Crash;
 use crate::event::{changes_course, made_at};
 use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
+use crate::flight_end::FlightEnd;
 use crate::latency::OnwardTime;
 use crate::nearest::NearestJoin;
 use crate::sink::{Reception, Sink};
 use crate::wire::WireRecord;
 
-/// Height below which a vehicle at rest has landed \[m\].
-const ON_FLOOR_M: f64 = 0.05;
-/// Speed below which a vehicle is at rest \[m/s\].
-const AT_REST_M_S: f64 = 0.1;
-/// Time at rest after which the flight has ended.
-const REST: Span = Span::from_millis(500);
 /// Time for which ticks wait for truth: without a first sample, a real vehicle is observed by real cameras; without a further one, its
 /// source has ended, and the flight ends as the daemon reports.
 const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
@@ -35,7 +29,7 @@ const DAEMON_TIMEOUT: Span = Span::from_millis(1000);
 pub struct Recorder {
     /// The flight so far, with a provisional outcome.
     flight: Flight,
-    outcome: Option<Outcome>,
+    end: FlightEnd,
     /// Process id of the daemon; `None` before its first tick.
     daemon_pid: Option<u64>,
     /// Source of the daemon's messages; `None` before its first tick.
@@ -44,6 +38,8 @@ pub struct Recorder {
     lost: Vec<(ObservedTopic, u64)>,
     /// Instant of the newest tick if the vehicle was armed in it.
     armed_at: Option<Time>,
+    /// Instant of the tick that began the present or the last flight.
+    armed_since: Time,
     /// Instant of the tick that ended the last flight.
     disarmed_at: Time,
     /// Instant of the newest message of cameras, vehicle or simulator.
@@ -51,12 +47,8 @@ pub struct Recorder {
     /// Commands lost according to the vehicle's last message \[-\].
     vehicle_lost: Option<u64>,
     join: NearestJoin<TelemetryV1, TruthV1>,
-    flown: bool,
     /// Source of the newest truth; `None` before the first.
     truth_source: Option<u64>,
-    /// Whether another simulator took the place of the first one since the motors were started: its vehicle is another one.
-    is_replaced: bool,
-    resting_since: Option<Time>,
     config_hash: u64,
     /// Daemons with another configuration than was recorded, and daemons that flew.
     other_configs: BTreeSet<u32>,
@@ -80,19 +72,17 @@ impl Recorder {
     pub fn new(config: &Config) -> Self {
         Self {
             flight: Flight::new(config),
-            outcome: None,
+            end: FlightEnd::default(),
             daemon_pid: None,
             daemon_source: None,
             lost: Vec::new(),
             armed_at: None,
+            armed_since: Time::UNSET,
             disarmed_at: Time::UNSET,
             newest_at: Time::UNSET,
             vehicle_lost: None,
             join: NearestJoin::default(),
-            flown: false,
             truth_source: None,
-            is_replaced: false,
-            resting_since: None,
             config_hash: config.hash(),
             other_configs: BTreeSet::new(),
             flew: BTreeSet::new(),
@@ -127,12 +117,12 @@ impl Recorder {
 
     /// Outcome of the flight; `None` while it lasts.
     pub fn outcome(&self) -> Option<Outcome> {
-        self.outcome
+        self.end.outcome
     }
 
     /// Whether the vehicle was armed in a tick.
     pub fn was_armed(&self) -> bool {
-        self.flown
+        self.end.flown
     }
 
     /// Ticks so far, in order of time.
@@ -149,13 +139,14 @@ impl Recorder {
     pub fn finish(mut self, otherwise: Outcome, speed_factor: f64) -> Flight {
         let silent = self.armed_at.map(|armed_at| self.newest_at.since(armed_at));
         let has_died = silent.is_some_and(|silent| silent > DAEMON_TIMEOUT);
-        if has_died && self.outcome.is_none() && !self.flight.is_observation() {
+        if has_died && self.end.outcome.is_none() && !self.flight.is_observation() {
             self.daemon_died();
         }
         // A daemon that came later does not count, unless none flew.
         let mut others = self.other_configs.iter();
         let has_other_config = others.any(|it| self.flew.is_empty() || self.flew.contains(it));
-        let outcome = self.outcome.unwrap_or(otherwise);
+        let FlightEnd { outcome, crash, .. } = self.end;
+        let outcome = outcome.unwrap_or(otherwise);
         // Errors have one source: what has no truth in a flight with truth is not scored.
         if self.flight.has_truth() {
             let without = self.flight.samples.iter_mut().filter(|sample| sample.truth.is_none());
@@ -165,7 +156,7 @@ impl Recorder {
         if self.flight.scored().take(2).count() == 1 {
             self.flight.samples.iter_mut().for_each(|sample| sample.telemetry.scored = 0);
         }
-        Flight { outcome, speed_factor, has_other_config, ..self.flight }
+        Flight { outcome, crash, speed_factor, has_other_config, ..self.flight }
     }
 
     /// Joins every waiting tick up to the newest truth sample with its nearest sample; in virtual time both have the same
@@ -190,72 +181,27 @@ impl Recorder {
     }
 
     fn push(&mut self, sample: FlightSample) {
-        let before = self.flight.samples.last().copied();
         self.flight.samples.push(sample);
-        // A stop before the first flight is the end of an earlier one.
-        let is_over = self.outcome.is_some() && (self.flown || !sample.is_armed());
-        if is_over || self.flight.is_observation() {
-            return;
+        if !self.flight.is_observation() {
+            self.end.tick(&sample, &self.flight.config.fence);
         }
-        self.detect_end(&sample);
-        let touchdown = before.filter(|_| self.outcome.is_none() && self.flown);
-        if let Some(crash) = touchdown.and_then(|before| Crash::at_touchdown(&before, &sample)) {
-            self.crashed(sample.telemetry.time, crash);
-        }
-    }
-
-    fn crashed(&mut self, at: Time, crash: Crash) {
-        (self.outcome, self.flight.crash) = (Some(Outcome::Crashed), Some((at, crash)));
     }
 
     /// Records that the daemon ended in flight, after its last armed tick.
     fn daemon_died(&mut self) {
         let last = self.flight.armed().last().map_or(Time::UNSET, |tick| tick.telemetry.time);
-        self.crashed(last, Crash::DaemonDied);
+        self.end.crashed(last, Crash::DaemonDied);
     }
 
     /// Ends a flight whose daemon died: the next daemon starts disarmed, and the vehicle has fallen.
     fn daemon_replaced(&mut self) {
         let in_flight =
             !self.flight.is_observation() && self.latest().is_some_and(FlightSample::is_armed);
-        if in_flight && self.outcome.is_none() {
+        if in_flight && self.end.outcome.is_none() {
             self.daemon_died();
         } else if !in_flight {
             // The next daemon has the settings of its start.
             self.flight.discard_changes(|_| true);
-        }
-    }
-
-    /// Ends the flight if this tick ends it.
-    fn detect_end(&mut self, sample: &FlightSample) {
-        if sample.is_armed() {
-            if self.resting_since.is_some() {
-                // The vehicle was armed again before the landing was confirmed by its rest.
-                self.outcome = Some(Outcome::Landed);
-                return;
-            }
-            (self.flown, self.outcome) = (true, None);
-            let crash = Crash::of(sample, &self.flight.config.fence);
-            if let Some(crash) = crash.filter(|_| !self.is_replaced) {
-                self.crashed(sample.telemetry.time, crash);
-            }
-            return;
-        }
-        let is_stopped = |sample: &FlightSample| sample.telemetry.state == SafetyState::Stop.code();
-        // A stop that is in force when the recording begins is of an earlier flight.
-        let is_of_earlier = !self.flown && self.flight.samples.first().is_some_and(is_stopped);
-        if is_stopped(sample) && !is_of_earlier {
-            self.outcome = Some(Outcome::Stopped);
-            return;
-        }
-        let landed = self.flown
-            && sample.telemetry.mode == Mode::Disarmed.code()
-            && sample.position().z < ON_FLOOR_M
-            && sample.velocity().norm() < AT_REST_M_S;
-        let now = sample.telemetry.time;
-        self.resting_since = landed.then(|| self.resting_since.unwrap_or(now));
-        if self.resting_since.is_some_and(|since| now.since(since) >= REST) {
-            self.outcome = Some(Outcome::Landed);
         }
     }
 
@@ -284,7 +230,8 @@ impl Recorder {
         let armed_at = telemetry.is_armed().then_some(telemetry.time);
         let last = std::mem::replace(&mut self.armed_at, armed_at);
         if last.is_none() && armed_at.is_some() {
-            self.is_replaced = false;
+            self.end.is_replaced = false;
+            self.armed_since = telemetry.time;
             // Settings stay as they are; the course begins again.
             self.flight.discard_changes(changes_course);
         }
@@ -299,11 +246,15 @@ impl Recorder {
         }
     }
 
+    /// Whether the vehicle was armed at the instant `at` of the present or the last flight. Topics are received one after the other, so
+    /// that the newest tick may be much newer than the other messages.
+    fn was_armed_at(&self, at: Time) -> bool {
+        at >= self.armed_since && (self.armed_at.is_some() || at < self.disarmed_at)
+    }
+
     fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
-        let (header, flight) = (&reception.header, &mut self.flight);
-        let last = flight.arrivals.last().map_or(0, |arrival| arrival.frame);
-        flight.poses_repeated += u64::from(header.pose_sequence == last);
-        flight.arrivals.push(PoseArrival {
+        let header = &reception.header;
+        self.flight.arrivals.push(PoseArrival {
             captured_at: header.stamps.captured_at,
             at: header.stamps.pose_published_at,
             frame: header.pose_sequence,
@@ -314,28 +265,29 @@ impl Recorder {
     }
 
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        let (header, flight) = (&reception.header, &mut self.flight);
+        let header = &reception.header;
+        // A bridge publishes in every period, also without a command.
+        let woken_at = Some(header.stamps.woken_at).filter(|at| at.is_set());
+        let is_armed = woken_at.map_or(self.armed_at.is_some(), |at| self.was_armed_at(at));
+        let flight = &mut self.flight;
         let lost = vehicle
             .lost
             .saturating_sub(self.vehicle_lost.replace(vehicle.lost).unwrap_or(vehicle.lost));
-        if self.armed_at.is_some() {
+        if is_armed {
             flight.commands_lost += lost;
         }
         if vehicle.simulated == 0 && flight.command_path == CommandPath::Bus {
             flight.command_path = CommandPath::of_bridge(&flight.config);
         }
-        flight.wire.vehicle(header, vehicle, self.armed_at.is_some());
+        flight.wire.vehicle(header, vehicle, is_armed);
         if !header.stamps.applied_at.is_set() {
-            // A bridge publishes in every period; in this period it had no new command.
             return;
         }
         let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));
-        if self.armed_at.is_some() && !flight.is_observation() {
+        if is_armed && !flight.is_observation() {
             flight.hops.add(&stamps, onward);
         }
         let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);
-        let last = flight.applied.last().map_or(0, |command| command.sequence);
-        flight.commands_repeated += u64::from(sequence == last);
         flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
     }
 
@@ -369,17 +321,14 @@ impl Sink for Recorder {
             Sample::Truth(truth) => {
                 let source = Some(reception.header.source);
                 let last = std::mem::replace(&mut self.truth_source, source);
-                self.is_replaced |= self.armed_at.is_some() && last.is_some() && last != source;
+                self.end.is_replaced |= self.armed_at.is_some() && last.is_some() && last != source;
                 self.join.add_sample(truth.time, *truth);
                 self.join();
             }
             Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
             Sample::Pose(pose) => self.pose(reception, pose),
             Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
-            // Received topic by topic: the tick that disarms may come before earlier answers.
-            Sample::External(it) if self.armed_at.is_some() || it.asked_at < self.disarmed_at => {
-                self.flight.add_answer(it);
-            }
+            Sample::External(it) if self.was_armed_at(it.asked_at) => self.flight.add_answer(it),
             Sample::Event(event) => self.change(reception, event),
             Sample::Health(Role::Daemon, health) if health.config_hash != self.config_hash => {
                 self.other_configs.insert(reception.header.origin().process());

@@ -16,6 +16,7 @@ use crate::flight::{Flight, Outcome};
 use crate::page::{page, section};
 use crate::plot::unit::{self, MISSING, significant, span};
 use crate::summary::Summary;
+use crate::wire::place_of_losses;
 
 use replay::{ArrivalIntervals, milliseconds};
 use timeline::Timeline;
@@ -195,7 +196,8 @@ fn replay_figures(arrivals: &ArrivalIntervals, summary: &Summary) -> Vec<KeyFigu
 /// The key figures of every flight.
 fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
     let ticks = format!("in {} ticks", summary.ticks);
-    let lost = format!("{} poses, {} commands lost", summary.lost.pose, summary.lost.command);
+    let (lost, place) = (&summary.lost, place_of_losses(summary.wire.as_ref()));
+    let lost = format!("{} poses, {} commands lost{place}", lost.pose, lost.command);
     let speed = format!("{} ×", significant(summary.speed_factor));
     [
         ("Riccati solves", summary.riccati_solves.to_string(), ticks),

@@ -1,13 +1,12 @@
 //! Status of an instance, as text and as JSON: its processes, its vehicle and the estimated position.
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use oqtal_bus::code::{Cause, ControlHolder, EstimatorState, Mode, SafetyState, VehicleRefusal};
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_config::{Config, edited_sources};
 use serde::Serialize;
 
 use crate::observed_process::ObservedProcess;
@@ -23,6 +22,8 @@ pub struct InstanceStatus {
     pub position: Option<([f64; 3], f64)>,
     /// Whether an operator's stop is in force that the vehicle's process does not obey yet.
     pub awaits_stop: bool,
+    /// File with the configuration of the daemon.
+    pub daemon_config: PathBuf,
 }
 
 /// Age of a pose above which its position is shown as old \[s\].
@@ -86,15 +87,14 @@ impl InstanceStatus {
             lines.push(format!("{:<10} raised by an operator, {reason}", "stop"));
         }
         if self.config_agrees() == Some(false) {
-            lines.push(DIFFERENT_CONFIGS.to_owned());
+            lines.push(format!(
+                "configurations differ: restart the processes with one --config; that of the daemon is {}",
+                self.daemon_config.display()
+            ));
         }
         lines
     }
 }
-
-/// Remedy for processes with different configurations; a file may have been edited between their starts.
-const DIFFERENT_CONFIGS: &str = "configurations differ: restart the processes with one --config; that of the daemon is config.toml in the directory of the \
-     instance";
 
 /// `value` rounded to the centimetre, without a negative zero \[m\].
 fn centimetres(value: f64) -> f64 {
@@ -130,6 +130,9 @@ struct HealthReport {
     /// Set for the receiver only: whether the camera system sends frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     cameras_answer: Option<bool>,
+    /// Trouble of a receiver with its cameras or its body; absent if it receives the body, and for other processes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trouble: Option<&'static str>,
     /// Whether three turns in a row were late, the last one less than a second ago.
     runs_late: bool,
     /// Turns that ended more than a period after they were due \[-\].
@@ -282,6 +285,7 @@ impl HealthReport {
             vehicle_answers: (role == Role::Bridge).then_some(is_well),
             cameras_answer: (role == Role::Receiver)
                 .then_some(health.cause != Cause::NoPose.code()),
+            trouble: trouble_of_receiver(role, health.cause),
             runs_late: health.runs_late != 0,
             late_turns: health.late_turns,
         }
@@ -289,11 +293,10 @@ impl HealthReport {
 
     /// The state of the process in one or two words.
     fn state(&self) -> &str {
-        match (&self.daemon, self.vehicle_answers, self.cameras_answer) {
-            (Some(daemon), ..) => &daemon.state,
-            (None, Some(false), _) => "vehicle silent",
-            (None, _, Some(false)) => "cameras silent",
-            (None, ..) => "well",
+        match (&self.daemon, self.vehicle_answers) {
+            (Some(daemon), _) => &daemon.state,
+            (None, Some(false)) => "vehicle silent",
+            (None, _) => self.trouble.unwrap_or("well"),
         }
     }
 }
@@ -326,45 +329,14 @@ impl fmt::Display for ProcessHealth {
     }
 }
 
-/// Hash of the configuration in `file`, as in the health of processes; `None` if it cannot be read or is invalid.
-pub fn hash_of_file(file: &Path) -> Option<String> {
-    read_config(file).map(|config| format!("{:016x}", config.hash()))
-}
-
-/// Whether a daemon with the configuration in `file` takes off without an operator; false if it cannot be read.
-pub fn arms_at_start(file: &Path) -> bool {
-    read_config(file).is_some_and(|config| config.safety.arm_at_start)
-}
-
-fn read_config(file: &Path) -> Option<Config> {
-    let text = std::fs::read_to_string(file).ok()?;
-    Config::parse(&file.to_string_lossy(), &text, &[]).ok()
-}
-
-/// Files that were edited or removed, by the comments in `file`, the configuration of a daemon: after its start, or, with `since_reload`,
-/// after it last read them; none if `file` cannot be read.
-pub fn edited_files(file: &Path, since_reload: bool) -> Vec<PathBuf> {
-    edited_sources(&text_of(file), since_reload)
-}
-
-/// Whether the daemon of the configuration in `file` was started with a copy of an earlier one; false if it cannot be read.
-pub fn is_copy(file: &Path) -> bool {
-    oqtal_config::is_copy(&text_of(file))
-}
-
-/// Whether the configuration in `file` is of `oqtal chain run`; false if it cannot be read.
-pub fn is_of_chain(file: &Path) -> bool {
-    oqtal_config::is_of_chain(&text_of(file))
-}
-
-/// The command of the flight that the configuration in `file` is of; `None` if it is that of a daemon of its own, or cannot be read.
-pub fn flight_of(file: &Path) -> Option<String> {
-    oqtal_config::flight_of(&text_of(file)).map(str::to_owned)
-}
-
-/// Text of a configuration with its comments; empty if it cannot be read.
-fn text_of(file: &Path) -> String {
-    std::fs::read_to_string(file).unwrap_or_default()
+/// Trouble of a receiver whose health has this `cause`; `None` if it receives its body, and for another `role`.
+pub fn trouble_of_receiver(role: Role, cause: u8) -> Option<&'static str> {
+    match Cause::from_code(cause).filter(|_| role == Role::Receiver)? {
+        Cause::NoPose => Some("cameras silent"),
+        Cause::NoBody => Some("the server has no such body"),
+        Cause::Untracked => Some("body not seen"),
+        _ => None,
+    }
 }
 
 /// Name of a code; empty for a code unknown to this version.

@@ -200,7 +200,7 @@ impl Summary {
             speed_factor: flight.speed_factor,
             deadline_misses: count(flight, |tick| tick.deadline_misses),
             lost: TopicCounts::new(count(flight, |tick| tick.poses_lost), flight.commands_lost),
-            repeated: TopicCounts::new(flight.poses_repeated, flight.commands_repeated),
+            repeated: TopicCounts::new(flight.poses_repeated(), flight.commands_repeated()),
             poses_superseded: count(flight, |tick| tick.poses_superseded),
             poses_refused: count(flight, |tick| tick.poses_refused),
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),

@@ -9,7 +9,7 @@ use crate::corners::CornerFigures;
 use crate::kernel::ProcessUsage;
 use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
-use crate::wire::{CommandAge, WireFigures};
+use crate::wire::{CommandAge, WireFigures, place_of_losses};
 
 /// Text shown instead of errors for a flight without a scored window.
 const UNSCORED: &str = "no errors: nothing of this flight is scored\n";
@@ -178,10 +178,11 @@ fn counts(summary: &Summary) -> String {
     };
     format!(
         "Riccati solves {riccati_solves}{deadlines}\n\
-         poses lost {}, superseded {}, refused {}, commands lost {}\nstates: {}{faults}",
+         poses lost {}, superseded {}, refused {}, commands lost{} {}\nstates: {}{faults}",
         lost.pose,
         summary.poses_superseded,
         summary.poses_refused,
+        place_of_losses(summary.wire.as_ref()),
         lost.command,
         summary.states()
     )

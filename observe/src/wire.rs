@@ -132,6 +132,11 @@ impl WireRecord {
     }
 }
 
+/// Note on the place where the lost commands of a flight were lost, to be put behind them: behind a bridge, losses are not counted.
+pub(crate) fn place_of_losses(wire: Option<&WireFigures>) -> &'static str {
+    if wire.is_some() { " before the bridge" } else { "" }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -166,6 +171,7 @@ mod tests {
         let figures = record(101, Span::from_millis(20)).figures(true).unwrap();
         assert!((figures.command_occupancy.unwrap() - 0.3).abs() < 1e-9);
         let age = figures.command_age;
+        assert_eq!(place_of_losses(Some(&figures)), " before the bridge");
         assert_eq!((age.from_capture.count, age.from_capture.max_ns), (101, 23_000_000));
         assert_eq!(age.from_publication.min_ns, 4_000_000);
         let quality = figures.link_quality.unwrap();

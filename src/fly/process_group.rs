@@ -162,6 +162,11 @@ impl ProcessGroup {
         self.failure_of(|role| !matches!(role, Role::Mocap | Role::Receiver))
     }
 
+    /// Whether the process of this role has ended.
+    pub fn has_lost(&mut self, role: Role) -> bool {
+        self.members.iter_mut().any(|it| it.role == role && it.child.failure().is_some())
+    }
+
     fn failure_of(&mut self, is_meant: fn(Role) -> bool) -> Option<Failure> {
         let up = self.members.iter_mut().filter(|it| !it.is_down && is_meant(it.role));
         up.into_iter().find_map(|member| member.child.failure())

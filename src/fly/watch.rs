@@ -7,7 +7,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::topic::{Role, TELEMETRY};
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::{ClockKind, Config};
 use oqtal_operator::end_flight;
@@ -25,6 +25,9 @@ const WATCH_PERIOD: Span = Span::from_millis(20);
 
 /// Time beyond the longest descent without poses: the daemon ends the flight before.
 const DESCENT_MARGIN: Span = Span::from_millis(2000);
+
+/// Note on a vehicle in flight whose bridge has ended.
+const FLIES_ON: &str = "\nno command reaches the vehicle any more, not even a stop: it may fly on until its own time-out without set-points; its remote control lands it";
 
 /// Watches the processes and the operator while the flight is recorded.
 #[derive(Debug)]
@@ -85,7 +88,7 @@ impl<'a> ProcessWatch<'a> {
         let (mut is_in_flight, mut has_flown) = (false, false);
         while !self.over.is_set() {
             cameras.check(processes, is_in_flight.then(|| self.descent()))?;
-            processes.other_failure().map_or(Ok(()), Err)?;
+            self.check_processes(processes, is_in_flight)?;
             self.inject(&mut faults, processes)?;
             if let Some((_, tick)) = telemetry.latest()? {
                 is_in_flight = tick.is_armed();
@@ -119,6 +122,21 @@ impl<'a> ProcessWatch<'a> {
             sleep(until_next.min(WATCH_PERIOD).to_duration());
         }
         Ok(())
+    }
+
+    /// Checks the processes that command the vehicle.
+    ///
+    /// # Errors
+    /// One has ended. Without its bridge, a vehicle that is not emulated may fly on.
+    fn check_processes(
+        &self,
+        processes: &mut ProcessGroup,
+        is_in_flight: bool,
+    ) -> Result<(), Failure> {
+        let Some(Failure { exit, message }) = processes.other_failure() else { return Ok(()) };
+        let is_emulated = !self.config.plant.wire.link.is_empty();
+        let flies_on = is_in_flight && !is_emulated && processes.has_lost(Role::Bridge);
+        Err(Failure::new(exit, message + if flies_on { FLIES_ON } else { "" }))
     }
 
     /// Time after the loss of the cameras within which the daemon ends a flight. In virtual time the other processes wait for them.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
-use oqtal_config::Config;
+use oqtal_config::{Config, Interface};
 use oqtal_control::controller::ControllerName;
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::predictive::{
@@ -56,8 +56,12 @@ struct StampedPose {
 /// Flies the trajectory of `config` with `oqtal-dt`, and estimates from its poses with exact, arrival and estimated stamps.
 ///
 /// # Errors
-/// The flight cannot be flown, or ends before the filters have settled.
+/// The vehicle is not commanded by rates (exit code 78), or the flight cannot be flown, or ends before the filters have settled.
 pub fn study(config: Config) -> Result<Vec<StampFigures>, Failure> {
+    if config.vehicle.interface != Interface::Rate {
+        let reason = "vehicle.interface: the filter is compared for a vehicle commanded by body rates; set it to \"rate\"";
+        return Err(Failure::new(Exit::Config, reason));
+    }
     let mut config = config;
     config.control.controller = ControllerName::OqtalDt;
     let flight = simulation::fly(&Mission::new(config)?)?;

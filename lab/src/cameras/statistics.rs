@@ -73,8 +73,7 @@ impl CameraStudy {
         let read = |file: &&Path| {
             let recording = Recording::read(file)
                 .map_err(|error| Failure::new(Exit::Data, error.to_string()))?;
-            let name = file.file_stem().unwrap_or(file.as_os_str());
-            Ok((name.to_string_lossy().into_owned(), figures(&RoomStatistics::of(&recording))))
+            Ok((name_among(files, file), figures(&RoomStatistics::of(&recording))))
         };
         let recordings = files.iter().map(read).collect::<Result<_, Failure>>()?;
         Ok(Self { emulated: figures(&emulated), recordings })
@@ -117,6 +116,13 @@ impl CameraStudy {
     }
 }
 
+/// Name of a recording: that of its file without the extension, or the path if another of `files` has that name.
+fn name_among(files: &[&Path], file: &Path) -> String {
+    let is_like = |other: &&&Path| other.file_stem() == file.file_stem();
+    let stem = file.file_stem().filter(|_| files.iter().filter(is_like).count() == 1);
+    stem.unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
+}
+
 fn figures(statistics: &RoomStatistics) -> [Option<f64>; FIGURES.len()] {
     FIGURES.map(|(_, of)| of(statistics))
 }
@@ -137,5 +143,17 @@ fn lemniscate(t_s: f64) -> TruthV1 {
         position: [0.65 * angle.sin(), 0.325 * (2.0 * angle).sin(), 1.0],
         velocity: [0.715 * angle.cos(), 0.715 * (2.0 * angle).cos(), 0.0],
         ..at_rest(t_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recordings_with_one_file_name_are_named_by_their_paths() {
+        let files = ["a/flight.csv", "b/flight.csv", "b/rest.csv"].map(Path::new);
+        let names = files.map(|file| name_among(&files, file));
+        assert_eq!(names, ["a/flight.csv", "b/flight.csv", "rest"]);
     }
 }

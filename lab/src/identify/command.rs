@@ -228,12 +228,12 @@ fn json(value: &impl serde::Serialize, config: &Config) -> Result<String, Failur
 
 /// Parses a mass that is plausible for an indoor vehicle \[kg\].
 fn mass(text: &str) -> Result<f64, String> {
-    within(text, (1e-3, 1e3), "kg")
+    within(text, (0.01, 50.0), "kg")
 }
 
 /// Parses a thrust that is plausible for an indoor vehicle \[N\].
 fn thrust(text: &str) -> Result<f64, String> {
-    within(text, (1e-2, 1e5), "N")
+    within(text, (0.1, 1e4), "N")
 }
 
 fn within(text: &str, (least, most): (f64, f64), unit: &str) -> Result<f64, String> {

@@ -126,7 +126,9 @@ fn not_shown(finding: &ParameterFinding, recordings: usize) -> String {
 fn other_optima(name: &str, starts: &StartingPoints, fit: &FitResult) -> Option<String> {
     let (count, (elsewhere, excess_ratio)) = (starts.count, starts.elsewhere(fit));
     let best = match excess_ratio {
-        close if close < INDISTINCT => "as likely: the flight does not tell the two apart",
+        close if close < INDISTINCT => {
+            "as likely: the flight does not determine the parameters in which they differ"
+        }
         _ => "less likely: the best is taken",
     };
     let percent = rounded(1e2 * excess_ratio.max(0.0), 2);

@@ -4,6 +4,9 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Complex;
 
+/// Number of pieces of a segment between two frequencies at whose ends the distance from -1 is taken \[-\].
+const PIECES: u32 = 32;
+
 /// Frequency response of a loop, broken at the input of the plant; positive for negative feedback.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopResponse {
@@ -62,7 +65,7 @@ impl LoopResponse {
         before + crossings.sum::<i64>() == 0
     }
 
-    /// Margins of a stable loop, with linear interpolation of the phase and of the logarithm of the gain between the points.
+    /// Margins of a stable loop with at least two points, between which phase and logarithm of the gain are interpolated linearly.
     pub fn margins(&self) -> Margins {
         let mut margins = Margins {
             gain: f64::INFINITY,
@@ -72,18 +75,23 @@ impl LoopResponse {
             sensitivity: 0.0,
         };
         for pair in self.points.windows(2) {
-            margins.narrow(Segment::between(pair[0], pair[1]));
-        }
-        for (_, gain) in &self.points {
-            let sensitivity = (gain + 1.0).inv();
-            margins.sensitivity = margins.sensitivity.max(sensitivity.norm());
-            margins.disk = margins.disk.min(1.0 / (sensitivity - 0.5).norm());
+            let segment = Segment::between(pair[0], pair[1]);
+            margins.narrow(segment);
+            segment.near_critical().for_each(|gain| margins.approach(gain));
         }
         margins
     }
 }
 
 impl Margins {
+    /// Includes the distance of the loop gain from -1 at one frequency.
+    fn approach(&mut self, gain: Complex<f64>) {
+        let distance = (gain + 1.0).norm();
+        self.sensitivity = self.sensitivity.max(1.0 / distance);
+        // 1 / |S - 1/2|.
+        self.disk = self.disk.min(2.0 * distance / (gain - 1.0).norm());
+    }
+
     /// Includes the crossings between two points.
     fn narrow(&mut self, segment: Segment) {
         let Segment { log_gain, lag, .. } = segment;
@@ -122,6 +130,16 @@ impl Segment {
             // The smaller angle between the two ends.
             lag: [first, first - (b / a).arg()],
         }
+    }
+
+    /// Interpolated loop gains at which the distance from -1 is taken: evenly spaced, and those at the crossings, so that disk margin
+    /// and sensitivity are never better than the gain and phase margins allow.
+    fn near_critical(self) -> impl Iterator<Item = Complex<f64>> {
+        let Self { log_gain, lag, .. } = self;
+        let even = (0..=PIECES).map(|piece| f64::from(piece) / f64::from(PIECES));
+        let at_phase = half_turns(lag).filter_map(move |level| crossing(lag, level));
+        let shares = even.chain(crossing(log_gain, 0.0)).chain(at_phase);
+        shares.map(move |share| Complex::from_polar(mix(log_gain, share).exp(), -mix(lag, share)))
     }
 }
 
@@ -185,15 +203,36 @@ mod tests {
         assert!(second(20.0, 1.0) && !second(80.0, 1.0) && !second(20.0, 0.01));
     }
 
-    /// Each classic margin is at least as large as implied by the disk margin.
+    /// Classic margins bound disk margin and sensitivity from both sides, at every density of points.
     #[test]
-    fn the_classic_margins_are_at_least_those_of_the_disk_margin() {
-        for k in [2.0, 8.0, 20.0] {
-            let margins = delayed_integrator(k, 0.035).margins();
-            let half = margins.disk / 2.0;
-            assert!(margins.gain >= (1.0 + half) / (1.0 - half) - 1e-3, "{margins:?}");
-            assert!(margins.phase_deg >= 2.0 * half.atan().to_degrees() - 0.1, "{margins:?}");
-            assert!(margins.sensitivity > 1.0);
+    fn disk_margin_and_sensitivity_agree_with_the_classic_margins() {
+        for (k, every) in
+            [2.0, 8.0, 20.0, 40.0].into_iter().flat_map(|k| [1, 17, 90].map(|n| (k, n)))
+        {
+            let mut response = delayed_integrator(k, 0.035);
+            response.points = response.points.into_iter().step_by(every).collect();
+            let margins = response.margins();
+            let (half, phase) = (margins.disk / 2.0, margins.phase_deg.to_radians());
+            assert!(margins.gain >= (1.0 + half) / (1.0 - half) - 1e-9, "{margins:?}");
+            assert!(half <= (phase / 2.0).tan() + 1e-9, "{margins:?}");
+            let least = [1.0 / (2.0 * (phase / 2.0).sin()), 1.0 / (1.0 - margins.gain.recip())];
+            assert!(least.iter().all(|it| margins.sensitivity > it - 1e-9), "{margins:?}");
+            // Within a tenth of a per cent of those of the dense response, as gain and phase margin are not with few points.
+            if every == 17 {
+                let dense = delayed_integrator(k, 0.035).margins();
+                assert!((margins.disk / dense.disk - 1.0).abs() < 1e-3, "{margins:?}, {dense:?}");
+            }
         }
+    }
+
+    #[test]
+    fn a_loop_without_crossings_has_a_disk_margin_and_no_gain_or_phase_margin() {
+        let response = LoopResponse {
+            points: [1.0, 2.0].map(|hertz| (hertz, Complex::from(0.5 / hertz))).to_vec(),
+        };
+        let margins = response.margins();
+        assert!(margins.gain.is_infinite() && margins.phase_deg.is_infinite(), "{margins:?}");
+        assert!((margins.disk - 10.0 / 3.0).abs() < 1e-9, "{margins:?}");
+        assert!((margins.sensitivity - 0.8).abs() < 1e-9, "{margins:?}");
     }
 }

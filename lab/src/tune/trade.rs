@@ -9,7 +9,10 @@ use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 use crate::study::Flown;
 use crate::study::args::say_notes;
 use crate::study::law::StudyLaw;
-use crate::study::metric::{Figures, METRIC};
+use crate::study::metric::{Figures, JITTER, METRIC};
+
+/// Index of the disk margin in [`Margins::COLUMNS`].
+const DISK: usize = 3;
 
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
@@ -144,7 +147,10 @@ pub fn warnings(components: &[TradedFigure]) -> Vec<String> {
     let warning = |component: &TradedFigure| {
         let remedy = match component.weight {
             Some(_) => format!("; a greater weight, as in --weights {}=W, keeps it", component.key),
-            None => String::new(),
+            None => format!(
+                "; a greater weight of the jitter, as in --weights {}=W, gives softer gains",
+                METRIC[JITTER].key
+            ),
         };
         let by = match component.change() {
             Some(change) => format!(" by {:.0} %", 1e2 * change.abs()),
@@ -153,6 +159,20 @@ pub fn warnings(components: &[TradedFigure]) -> Vec<String> {
         format!("{} got worse{by}{remedy}", component.title)
     };
     components.iter().filter(|component| component.is_worse()).map(warning).collect()
+}
+
+/// Why gains with these `components` have too little margin to be applied in flight; `None` unless the disk margin in hover is below
+/// `least` \[-\] and below that of the gains before, or the loop is unstable.
+pub fn too_little_margin(components: &[TradedFigure], least: f64) -> Option<String> {
+    let disk = components.iter().find(|it| it.key == Margins::COLUMNS[DISK].0)?;
+    let [before, after] = disk.values;
+    let suffices = after >= least || after >= before;
+    (!suffices).then(|| {
+        let [before, after] = [0, 1].map(|is_after| disk.shown(is_after));
+        format!(
+            "the disk margin in hover is {after}, {before} before, and must be at least {least}"
+        )
+    })
 }
 
 /// Parses weights, `KEY=NUMBER,…`, of which those not given keep their defaults.
@@ -203,6 +223,23 @@ mod tests {
         let said = warnings(&all);
         assert_eq!(said.len(), 2, "{said:?}");
         assert!(said[0].contains("20 %") && said[0].contains("--weights hover_rms_mm=W"));
+    }
+
+    #[test]
+    fn gains_are_too_close_to_oscillation_below_the_least_disk_margin_unless_they_were_closer_before()
+     {
+        let refused = |before, after| {
+            let disk = TradedFigure {
+                key: Margins::COLUMNS[DISK].0,
+                values: [before, after],
+                ..component(None, 0.0)
+            };
+            too_little_margin(&[disk], 0.15).is_some()
+        };
+        assert_eq!(Margins::COLUMNS[DISK].0, "disk_margin");
+        assert!(refused(0.42, 0.13) && refused(0.42, f64::NAN) && refused(f64::INFINITY, 0.1));
+        assert!(!refused(0.42, 0.16) && !refused(0.12, 0.13) && !refused(f64::NAN, 0.2));
+        assert!(too_little_margin(&[component(None, 0.1)], 0.15).is_none());
     }
 
     #[test]

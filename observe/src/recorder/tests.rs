@@ -1,6 +1,6 @@
 //! Tests of the flight recorder with synthetic samples.
 
-use oqtal_bus::code::{HandoverCause, OperatorCommand};
+use oqtal_bus::code::{HandoverCause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{ExternalV1, Header, HealthV1, Stamps};
 use oqtal_bus::origin::Origin;
 use oqtal_bus::text::LongText;
@@ -206,18 +206,21 @@ fn changes_of_a_completed_flight_stay_when_the_daemon_restarts() {
     assert_eq!(commands, [Set, Goto].map(OperatorCommand::code));
 }
 
-#[test]
-fn timing_and_hops_count_from_arming_to_disarming() {
+/// Counts of a flight of three ticks with a tick before and one after it. The samples come tick by tick, or, as in lockstep, all ticks
+/// before the other messages.
+fn timed(comes_by_topic: bool) -> Flight {
     let mut recorder = Recorder::new(&Config::default());
     let modes = [Mode::Disarmed, Mode::Flying, Mode::Flying, Mode::Landing, Mode::Disarmed];
-    for (tick, mode) in (1..).zip(modes) {
+    let at = |tick: i64| Time::VIRTUAL_START + Span::from_millis(20 * tick);
+    let tick = |recorder: &mut Recorder, tick: i64, mode: Mode| {
         // Every tick is late by its number, so that the distribution names the ticks it contains.
-        let wakeup_lateness_ns = 1000 * tick;
-        let time = Time::VIRTUAL_START + Span::from_millis(20 * tick);
+        let (time, wakeup_lateness_ns) = (at(tick), 1000 * tick);
         let telemetry =
             TelemetryV1 { time, mode: mode.code(), wakeup_lateness_ns, ..TelemetryV1::default() };
-        let mut reception = Reception::default();
-        recorder.sample(&reception, Sample::Telemetry(&telemetry));
+        recorder.sample(&Reception::default(), Sample::Telemetry(&telemetry));
+    };
+    let others = |recorder: &mut Recorder, tick: i64| {
+        let (time, mut reception) = (at(tick), Reception::default());
         let answer = ExternalV1 { asked_at: time, answered_at: time, ..Default::default() };
         recorder.sample(&reception, Sample::External(&answer));
         reception.header.stamps = Stamps {
@@ -230,16 +233,31 @@ fn timing_and_hops_count_from_arming_to_disarming() {
             applied_at: time,
             ..Stamps::default()
         };
-        recorder.sample(&reception, Sample::Vehicle(&VehicleV1::default()));
+        let vehicle = VehicleV1 { lost: tick.unsigned_abs(), ..VehicleV1::default() };
+        recorder.sample(&reception, Sample::Vehicle(&vehicle));
+    };
+    for (number, mode) in (1..).zip(modes) {
+        tick(&mut recorder, number, mode);
+        if !comes_by_topic {
+            others(&mut recorder, number);
+        }
     }
-    let flight = recorder.finish(Outcome::Landed, 1.0);
-    let lateness = flight.wakeup_lateness.summary();
-    assert_eq!((lateness.count, lateness.min_ns / 1000, lateness.max_ns / 1000), (3, 2, 4));
-    assert_eq!(flight.period_jitter.count(), 2, "the two periods between three ticks");
-    let hops: Vec<_> = flight.hops.iter().map(|(name, hop)| (name, hop.count())).collect();
-    assert!(hops.iter().all(|(_, count)| *count == 3), "{hops:?}");
-    assert!(hops.iter().any(|(name, _)| *name == ANSWER), "{hops:?}");
-    assert_eq!(flight.applied.len(), 5, "every applied command is recorded");
+    (1..=5).filter(|_| comes_by_topic).for_each(|number| others(&mut recorder, number));
+    recorder.finish(Outcome::Landed, 1.0)
+}
+
+#[test]
+fn timing_and_hops_count_from_arming_to_disarming() {
+    for flight in [false, true].map(timed) {
+        let lateness = flight.wakeup_lateness.summary();
+        assert_eq!((lateness.count, lateness.min_ns / 1000, lateness.max_ns / 1000), (3, 2, 4));
+        assert_eq!(flight.period_jitter.count(), 2, "the two periods between three ticks");
+        let hops: Vec<_> = flight.hops.iter().map(|(name, hop)| (name, hop.count())).collect();
+        assert!(hops.iter().all(|(_, count)| *count == 3), "{hops:?}");
+        assert!(hops.iter().any(|(name, _)| *name == ANSWER), "{hops:?}");
+        assert_eq!(flight.applied.len(), 5, "every applied command is recorded");
+        assert_eq!(flight.commands_lost, 3);
+    }
 }
 
 #[test]

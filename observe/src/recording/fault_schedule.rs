@@ -36,8 +36,8 @@ impl FaultSchedule {
         let mut pending: Vec<_> =
             all.map(|(at_s, source, text)| (Span::from_seconds(at_s), source, text)).collect();
         pending.sort_by_key(|(at, ..)| std::cmp::Reverse(*at));
-        // A bridge reports an emulated vehicle as real.
-        let acts_on_any = config.fault.with_real_vehicle || !config.plant.wire.link.is_empty();
+        // A bridge reports a vehicle as real, also an emulated one or a firmware executed as a program.
+        let acts_on_any = config.fault.with_real_vehicle || config.plant.is_behind_bridge();
         Self { pending, armed_at: None, acts_on_any }
     }
 

@@ -105,7 +105,10 @@ impl InputHistory {
         }
         let RecordedTurn { input, pose, vehicle, answer, reference, command, .. } = turn;
         let named = (input.reference_source, input.reference_number);
-        is_missing(*pose, &self.poses, (input.pose_source, input.pose_number))
+        let is_later = |(other, at): &(u64, u64)| *other == source && *at > input.time.nanos();
+        let lacks_telemetry = turn.telemetry.is_none() && input.command_sequence > 0;
+        lacks_telemetry && !self.telemetry.keys().any(is_later)
+            || is_missing(*pose, &self.poses, (input.pose_source, input.pose_number))
             || is_missing(*vehicle, &self.vehicles, (input.vehicle_source, input.vehicle_number))
             || is_missing(*answer, &self.answers, (source, input.external_number))
             || is_missing(*reference, &self.references, named)

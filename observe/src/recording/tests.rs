@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use oqtal_bus::code::{Answer, InputKind, OperatorCommand};
+use oqtal_bus::code::{Answer, InputKind, Mode, OperatorCommand};
 use oqtal_bus::message::{EventV1, Header, InputV1, PoseV1, TelemetryV1, TruthV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
@@ -15,6 +15,7 @@ use super::mcap::Opcode;
 use super::mcap::decode::Cursor;
 use super::mcap::encode::Fields;
 use super::*;
+use crate::flight::{Flight, Outcome};
 use crate::provenance::Provenance;
 use crate::sink::{Reception, Sink};
 
@@ -146,6 +147,7 @@ fn every_file_has_the_settings_that_were_changed_before_it() {
     let (_, mut recorder) = create(&directory, &config, true);
     let (command, text) = (OperatorCommand::Set.code(), LongText::new("control.controller=pid"));
     let change = EventV1 { number: 1, command, text, ..EventV1::default() };
+    recorder.facts(Facts::new("granted", [("policy", "fifo".to_owned())]));
     recorder.sample(&pose(1).0, Sample::Event(&change));
     // 4.3 s in files of a second, the third of which has the start of another daemon.
     for number in 1..=270 {
@@ -159,8 +161,10 @@ fn every_file_has_the_settings_that_were_changed_before_it() {
         let tick = TelemetryV1 { time, tick: number, ..TelemetryV1::default() };
         recorder.sample(&reception, Sample::Telemetry(&tick));
     }
-    let read = |path: &PathBuf| flight(&RecordingFile::read(path).unwrap()).unwrap();
-    let flights: Vec<_> = recorder.finish().files.iter().map(read).collect();
+    let files: Vec<_> =
+        recorder.finish().files.iter().map(|path| RecordingFile::read(path).unwrap()).collect();
+    assert!(files.iter().all(|file| file.fact("granted", "policy") == Some("fifo")));
+    let flights: Vec<_> = files.iter().map(|file| flight(file).unwrap()).collect();
     let laws: Vec<_> =
         flights.iter().map(|it| it.config_at_arming().control.controller.name()).collect();
     let at_start = config.control.controller.name();
@@ -207,6 +211,27 @@ fn a_later_file_has_the_last_change_of_each_setting_that_was_not_refused_by_this
     assert_eq!(same.changed_settings(), settings);
     assert_eq!(same.changes.len(), settings.len());
     assert!(other.changes.is_empty(), "{:?}", other.changed_settings());
+}
+
+#[test]
+fn a_flight_that_was_landed_because_it_lasted_too_long_is_read_with_that_outcome() {
+    let outcome = |closing| {
+        let (directory, config) = (tempfile::tempdir().unwrap(), configuration());
+        let (path, mut recorder) = create(&directory, &config, false);
+        for number in 1..=100 {
+            let (reception, _) = pose(number);
+            let (time, attitude) = (reception.received_at, [0.0, 0.0, 0.0, 1.0]);
+            let mode = if number < 50 { Mode::Flying } else { Mode::Disarmed }.code();
+            let tick = TelemetryV1 { time, tick: number, mode, ..TelemetryV1::default() };
+            recorder.sample(&reception, Sample::Telemetry(&tick));
+            let truth = TruthV1 { time, attitude, ..TruthV1::default() };
+            recorder.sample(&reception, Sample::Truth(&truth));
+        }
+        recorder.close(&Flight { outcome: closing, ..Flight::new(&config) });
+        flight(&RecordingFile::read(&path).unwrap()).unwrap().outcome
+    };
+    let read = [Outcome::Landed, Outcome::Unfinished, Outcome::Timeout].map(outcome);
+    assert_eq!(read, [Outcome::Landed, Outcome::Landed, Outcome::Timeout]);
 }
 
 #[test]

@@ -125,7 +125,7 @@ impl RecordingThread {
         }
     }
 
-    /// Queues a table of facts.
+    /// Queues a table of facts, which is written to this file of the recording and to those after it.
     pub fn facts(&mut self, facts: Facts) {
         self.hand_over();
         if !self.send(QueuedRecord::Facts(facts)) {
@@ -217,7 +217,9 @@ impl Files {
             let done = match record {
                 QueuedRecord::Chunk(chunk) => self.chunk(&chunk),
                 QueuedRecord::Facts(facts) => {
-                    self.file.as_mut().map_or(Ok(()), |file| file.facts(&facts))
+                    let done = self.file.as_mut().map_or(Ok(()), |file| file.facts(&facts));
+                    self.preamble.facts.push(facts);
+                    done
                 }
                 QueuedRecord::File(attached) => {
                     let file = self.file.as_mut();
