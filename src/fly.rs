@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use oqtal_config::{ClockKind, Config, Fault, Setting, TimedDisturbance};
 use oqtal_control::controller::ControllerName;
+use oqtal_control::trajectory::{FlightPlan, TrajectoryKind};
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::faults;
 use oqtal_lab::mission::Mission;
@@ -153,7 +154,8 @@ impl FlyArgs {
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
         let warnings = oqtal_daemon::warnings(&mission.config, &mission.trajectory);
-        warnings.iter().for_each(|warning| say(&format!("oqtal: warning: {warning}")));
+        let warnings = warnings.into_iter().chain(unscored_hover(&mission));
+        warnings.for_each(|warning| say(&format!("oqtal: warning: {warning}")));
         if !self.json && has_default_law(&mission.config) {
             say("oqtal: flies the paper's law; for your own flights use --controller oqtal-dt");
         }
@@ -250,6 +252,16 @@ fn has_default_law(config: &Config) -> bool {
     !is_chosen && config.control.controller == ControllerName::Oqtal && !config.is_replay()
 }
 
+/// Warning of a hover in real time that is too short to be scored, which its table would say only after the flight.
+fn unscored_hover(Mission { config, trajectory, .. }: &Mission) -> Option<String> {
+    let plan = FlightPlan::from_origin(&config.trajectory, trajectory);
+    let is_short =
+        config.trajectory.kind == TrajectoryKind::Hover && !plan.scored(plan.planned_landing_s());
+    (is_short && config.clock.kind == ClockKind::Real).then(|| {
+        "nothing of this flight is scored: a hover is from 10 s after it is reached, see --duration".to_owned()
+    })
+}
+
 /// Fails if the pose rate of a recording is too low for a single tick of the loop.
 fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
     let Some(recording) = &mission.recording else { return Ok(()) };
@@ -269,6 +281,20 @@ fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_hover_in_real_time_without_a_scored_part_is_told() {
+        let told = |seconds: f64, clock: &str| {
+            let settings = [
+                Setting::flag("test", "trajectory.kind", "hover"),
+                Setting::flag("test", "trajectory.hover.duration-s", seconds),
+                Setting::flag("test", "clock.kind", clock),
+            ];
+            let config = Config::from_settings(&settings).unwrap();
+            unscored_hover(&Mission::new(config).unwrap()).is_some()
+        };
+        assert!(told(3.0, "real") && !told(30.0, "real") && !told(3.0, "in-process"));
+    }
 
     #[test]
     fn only_a_file_that_chooses_a_law_is_a_choice_of_the_law() {

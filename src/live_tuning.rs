@@ -18,6 +18,7 @@ use oqtal_lab::identify::{overview, vehicle_toml};
 use oqtal_lab::output::{CONFIG, check_free, make, next_free, write_file};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::live::{self, LiveTuning};
+use oqtal_lab::tune::trade::too_little_margin;
 use oqtal_lab::tune::tuned::Tuned;
 use oqtal_lab::tune::{LiveArgs, TuneArgs, page};
 use oqtal_observe::law_query::{NoAnswer, changed_before};
@@ -49,7 +50,7 @@ static ARE_CHANGED: AtomicBool = AtomicBool::new(false);
 /// tuned (64), or a file cannot be written (71).
 pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let search = (&args.budget(), args.weights()?, &*args.options());
-    let LiveArgs { instance, root, apply, .. } = &args.live;
+    let LiveArgs { instance, root, apply, least_margin_ratio, .. } = &args.live;
     let place: Vec<_> = place_settings(instance.as_deref(), root.as_deref()).collect();
     let paths = instance_paths(&Config::load(&[], &place)?)?;
     let bus = running_bus(&paths)?;
@@ -82,6 +83,7 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
         (true, false) => propose(tuned, &paths),
         (true, true) => {
             require_unchanged(present_settings(&bus), &present)?;
+            require_margin(tuned, *least_margin_ratio, &paths)?;
             apply_gains(tuned, (&bus, &config), before_m)
         }
     }
@@ -105,6 +107,14 @@ fn require_unchanged(
             ),
         )),
     }
+}
+
+/// Fails if `tuned` has a disk margin below `least` \[-\], and proposes it instead.
+fn require_margin(tuned: &Tuned, least: f64, paths: &InstancePaths) -> Result<(), Failure> {
+    let Some(reason) = too_little_margin(&tuned.components, least) else { return Ok(()) };
+    propose(tuned, paths)?;
+    let remedy = "search for softer gains with a greater weight of the jitter (--weights), or lower --least-disk-margin";
+    Err(Failure::new(Exit::Flight, format!("nothing was applied: {reason}; {remedy}")))
 }
 
 /// Tells the operator on a signal that the vehicle flies on, and ends the command.

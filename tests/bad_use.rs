@@ -126,7 +126,7 @@ fn a_check_reports_the_rate_of_the_loop() {
     let file = testbed.write("fast.toml", "[mocap]\nrate-hz = 100.0\n");
     let output = testbed.oqtal(&["daemon", "check", "--config", file.to_str().unwrap()]).output();
     let said = String::from_utf8(output.unwrap().stdout).unwrap();
-    assert!(said.starts_with("# hash ") && said.contains("\n# cameras at 100 Hz"), "{said}");
+    assert!(said.starts_with("# hash ") && said.contains("\n# poses expected at 100 Hz"), "{said}");
     assert!(said.lines().nth(1).unwrap().ends_with("one pose in 2, at 50.0000 Hz"), "{said}");
     assert!(said.parse::<toml::Table>().is_ok(), "{said}");
 }
@@ -140,7 +140,10 @@ fn a_flight_warns_of_requests_that_cannot_be_met() {
         (output.status.code(), stderr(&output))
     };
     let (_, message) = told(&["--set", "control.rate-hz=80"]);
-    assert!(message.contains("warning: cameras at 60 Hz, control.rate-hz = 80"), "{message}");
+    assert!(
+        message.contains("warning: poses expected at 60 Hz, control.rate-hz = 80"),
+        "{message}"
+    );
     let waypoints = |text: &str| {
         let file = testbed.write("way.csv", text).display().to_string();
         told(&[

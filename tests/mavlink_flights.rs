@@ -127,7 +127,7 @@ fn impossible_ports_vehicles_and_links_are_refused_with_a_remedy() {
         testbed.refuses(&["bridge", "run", "--link", &link], code, &[says]);
     }
     for (link, code, says) in [
-        ("asctec:/dev/ttyUSB0", 64, "only vehicles of MAVLink and Betaflight"),
+        ("asctec:/dev/ttyUSB0", 64, "set `bridge.vehicle-time-out-ms`"),
         ("mavlink:tcp:14550", 64, "mavlink:tcp:HOST:PORT"),
         (&format!("mavlink:udpin:{used}"), 75, "is used by another program"),
     ] {

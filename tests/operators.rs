@@ -70,7 +70,7 @@ fn hints_name_a_file_that_was_edited_after_the_daemon_had_read_it() {
     testbed.wait_for_daemon();
     assert!(!said(&["status"]).contains(&name));
     std::fs::write(&file, "[position]\ntilt-limit-deg = 11.0\n").unwrap();
-    let edited = format!("{name}: removed, or edited without effect on the daemon");
+    let edited = format!("{name}: edited without effect on the daemon");
     for words in [&["status"][..], &["get"], &["set", "position.tilt-limit-deg=12"], &["undo"]] {
         let told = said(words);
         assert!(told.contains(&edited), "{words:?}: {told}");
@@ -80,6 +80,9 @@ fn hints_name_a_file_that_was_edited_after_the_daemon_had_read_it() {
     assert!(!said(&["get"]).contains(&name) && said(&["reload"]).contains("no setting differs"));
     std::fs::write(&file, "[position]\ntilt-limit-deg = 10.0\n").unwrap();
     assert!(said(&["stop"]).contains(&edited));
+    std::fs::rename(&file, file.with_extension("away")).unwrap();
+    assert!(said(&["get"]).contains(&format!("{name}: removed; ")));
+    std::fs::rename(file.with_extension("away"), &file).unwrap();
     daemon.signal(rustix::process::Signal::TERM);
     daemon.wait();
     let lacks = format!(

@@ -49,13 +49,15 @@ fn f54_a_server_that_restarts_and_a_renamed_body_need_no_restart_of_the_receiver
             let text = std::fs::read_to_string(&log).unwrap();
             text.contains("no body `quad` any more").then_some(())
         });
+        let shows = |trouble: &str| {
+            let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
+            stderr(&status).contains(trouble).then_some(())
+        };
+        wait_for("a missing body in the status", || shows("the server has no such body"));
         drain(&mut poses);
         let silent_from = Time::now();
         drop(renamed);
-        wait_for("silent cameras in the status", || {
-            let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
-            stderr(&status).contains("cameras silent").then_some(())
-        });
+        wait_for("silent cameras in the status", || shows("cameras silent"));
         let _server = Server::start(kind, port, &["--body", "quad"]);
         let (header, pose) = next_pose("poses of the restarted server", &mut poses);
         let Header { pose_sequence, stamps, .. } = header;

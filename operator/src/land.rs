@@ -93,7 +93,15 @@ pub fn land(
             .map(|response| (response, several_roots(&reached)))
             .map_err(|silent| unconfirmed(&silent, &paths.instance, &lines));
     }
-    Err(unanswered(paths, lines, said.as_ref()))
+    Err(unanswered(&reached, lines, said.as_ref()))
+}
+
+/// Reason why a daemon that has lost its files does not answer.
+fn lost_files(reached: &Reached) -> Option<String> {
+    let is_lost =
+        |it: &ObeyingProcess| is_daemon(it) && it.is_under(&reached.paths) && it.has_lost_files();
+    let reason = "files of the instance were removed, so it lands if it flies, and ends";
+    reached.processes.iter().any(is_lost).then(|| reason.to_owned())
 }
 
 fn is_daemon(process: &ObeyingProcess) -> bool {
@@ -153,13 +161,14 @@ fn combined(
     accepted.copied().filter(|_| silent.is_empty()).ok_or(silent)
 }
 
-/// Failure of a landing that the only daemon, that of `paths`, has not confirmed, or that this command could not ask it about
-/// because of `error`.
-fn unanswered(paths: &InstancePaths, lines: Vec<String>, error: Option<&BusError>) -> Failure {
-    let (place, lines) = (paths.flags(), lines.join("\n  "));
-    let message = match error {
-        Some(error) => format!(
-            "land: requested by signal; this command cannot read whether the daemon lands: {error}\n  {lines}\n  \
+/// Failure of a landing that the only daemon of `reached` has not confirmed, or that this command could not ask it about because of
+/// `error`, or of lost files.
+fn unanswered(reached: &Reached, lines: Vec<String>, error: Option<&BusError>) -> Failure {
+    let (place, lines) = (reached.paths.flags(), lines.join("\n  "));
+    let reason = error.map(ToString::to_string).or_else(|| lost_files(reached));
+    let message = match reason {
+        Some(reason) => format!(
+            "land: requested by signal; this command cannot read whether the daemon lands: {reason}\n  {lines}\n  \
              if the vehicle does not land, `oqtal ctl stop {place}` stops the motors"
         ),
         None => format!(

@@ -6,7 +6,7 @@ use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::obeying::{ObeyingProcess, starting_command};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
-use oqtal_observe::status;
+use oqtal_observe::config_file;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
@@ -37,12 +37,12 @@ struct NextFlight {
     hanging: Option<u32>,
     /// Process id of the vehicle's process that has not obeyed.
     disobedient: Option<u32>,
-    /// Whether the daemon is part of a chain, whose vehicle is behind a bridge.
-    is_chain: bool,
+    /// Whether the vehicle is known to be behind a bridge.
+    has_bridge: bool,
     /// Whether the daemon runs without a process of its vehicle.
     lacks_vehicle: bool,
-    /// Whether the vehicle refuses to arm until it is restarted.
-    is_locked: bool,
+    /// Step at the vehicle itself, before the command.
+    vehicle_step: Option<&'static str>,
     /// Note of files of the configuration that were edited since; `None` if the command reads them again.
     edited: Option<String>,
 }
@@ -81,6 +81,12 @@ impl NextFlights {
         self.note_losses(reached);
         self.note_ended(reached);
         let paths = &reached.paths;
+        // A simulator that obeys no stop takes its commands over a wire.
+        let is_at_wire =
+            running.has_simulator() && !reached.processes.iter().any(|it| it.is_vehicle);
+        for flight in self.0.iter_mut().filter(|it| it.paths == *paths) {
+            flight.has_bridge |= is_at_wire;
+        }
         let Some(process) = running.of_other_config(paths) else { return };
         let has_start = |it: &&mut NextFlight| it.start.is_some() && it.paths == *paths;
         for flight in self.0.iter_mut().filter(has_start) {
@@ -97,10 +103,6 @@ impl NextFlights {
         response: Option<&ControlResponseV1>,
         [obeys, vehicle_obeys]: [bool; 2],
     ) {
-        let obstacles = response.map(|response| ArmingObstacles::from_bits(response.obstacles));
-        if obstacles.is_some_and(|it| it.contains(ArmingObstacle::Locked)) {
-            self.note_locked(&reached.paths);
-        }
         let is_alive = response.is_some() || obeys;
         let here = || reached.processes.iter().filter(|it| it.is_under(&reached.paths));
         let daemon = here().find(|it| !it.is_vehicle && !is_alive && it.is_running());
@@ -110,15 +112,10 @@ impl NextFlights {
         for flight in self.0.iter_mut().filter(|it| it.paths == reached.paths) {
             flight.hanging = daemon.map(|daemon| daemon.pid);
             flight.disobedient = vehicle.map(|vehicle| vehicle.pid);
+            if let Some(response) = response {
+                flight.note_vehicle(ArmingObstacles::from_bits(response.obstacles));
+            }
         }
-    }
-
-    /// Notes that the vehicle at `paths` refuses to arm until it is restarted.
-    fn note_locked(&mut self, paths: &InstancePaths) {
-        self.0
-            .iter_mut()
-            .filter(|it| it.paths == *paths)
-            .for_each(|flight| flight.is_locked = true);
     }
 
     /// Notes the instances of `reached` that have lost files.
@@ -148,7 +145,7 @@ impl NextFlight {
             None => edited_note(&paths),
         };
         Self {
-            is_chain: status::is_of_chain(&paths.config()),
+            has_bridge: config_file::has_bridge(&paths.config()),
             paths,
             user,
             start,
@@ -159,9 +156,22 @@ impl NextFlight {
             hanging: None,
             disobedient: None,
             lacks_vehicle,
-            is_locked: false,
+            vehicle_step: None,
             edited,
         }
+    }
+
+    /// Notes the step that the vehicle needs by the `obstacles` to a take-off.
+    fn note_vehicle(&mut self, obstacles: ArmingObstacles) {
+        // Without a process that obeys, the vehicle may answer as soon as there is one.
+        let has_process = !self.lacks_vehicle && self.disobedient.is_none();
+        self.vehicle_step = if obstacles.contains(ArmingObstacle::Locked) {
+            Some("restart the vehicle, which is locked")
+        } else if obstacles.contains(ArmingObstacle::VehicleSilent) && has_process {
+            Some("switch the vehicle on, which does not answer, or bring it into range")
+        } else {
+            None
+        };
     }
 
     /// Writes the steps before the command.
@@ -184,7 +194,7 @@ impl NextFlight {
                 "the process of the vehicle has not obeyed; if it hangs, continue it with `kill -CONT {vehicle}`; then "
             )?;
         }
-        if self.lacks_vehicle && self.is_chain {
+        if self.lacks_vehicle && self.has_bridge {
             let (user, place) = (as_owner(&self.paths), self.paths.flags());
             write!(f, "start `{user}oqtal bridge run {place}` with its --config, then ")?;
         }
@@ -194,22 +204,19 @@ impl NextFlight {
             (None, None) if self.is_lost => write!(f, "start them again, then ")?,
             (None, None) => {}
         }
-        if self.lacks_vehicle && !self.is_chain {
+        if self.lacks_vehicle && !self.has_bridge {
             let (user, place) = (as_owner(&self.paths), self.paths.flags());
             write!(
                 f,
                 "start the process of the vehicle, `{user}oqtal plant-sim run {place}` or `{user}oqtal bridge run {place}`, with the daemon's --config, then "
             )?;
         }
-        if self.is_locked {
-            write!(f, "restart the vehicle, which is locked, then ")?;
-        }
-        Ok(())
+        self.vehicle_step.iter().try_for_each(|step| write!(f, "{step}, then "))
     }
 
     /// Whether the flight needs no step besides `start` and `command`.
     fn is_ready(&self) -> bool {
-        let is_whole = !(self.is_lost || self.lacks_vehicle || self.is_locked);
+        let is_whole = !(self.is_lost || self.lacks_vehicle) && self.vehicle_step.is_none();
         let all_obey = self.hanging.is_none() && self.disobedient.is_none();
         is_whole && all_obey && self.other_config.is_none()
     }
@@ -266,20 +273,44 @@ mod tests {
     fn a_missing_process_of_the_vehicle_and_a_locked_vehicle_come_before_the_command() {
         let root = tempfile::tempdir().unwrap();
         let paths = InstancePaths::new("a", Some(root.path())).unwrap();
-        let told = |is_locked| {
-            let mut flights = NextFlights(vec![NextFlight::of(&[], paths.clone())]);
-            if is_locked {
-                flights.note_locked(&paths);
-            }
-            flights.to_string()
+        let told = |obstacle| {
+            let mut flight = NextFlight::of(&[], paths.clone());
+            flight.note_vehicle(ArmingObstacles::default().with(obstacle, true));
+            flight.to_string()
         };
-        let text = told(false);
+        let text = told(ArmingObstacle::VehicleSilent);
         let order = ["oqtal daemon run", "oqtal bridge run --instance a", "oqtal ctl arm"];
         let at = order.map(|command| text.find(command).unwrap());
-        assert!(at.is_sorted() && !text.contains("locked"), "{text}");
-        assert!(told(true).contains("restart the vehicle, which is locked, then `oqtal ctl arm"));
+        assert!(at.is_sorted() && !text.contains("switch"), "{text}");
+        let text = told(ArmingObstacle::Locked);
+        assert!(text.contains("restart the vehicle, which is locked, then `oqtal ctl arm"));
         let flights = NextFlights(vec![NextFlight::of(&[], paths.clone())]);
         let json = serde_json::to_value(flights).unwrap();
         assert!(json["start_again"].is_string() && json["arm_again"].is_null(), "{json}");
+    }
+
+    #[test]
+    fn a_vehicle_that_does_not_answer_its_bridge_comes_before_the_command() {
+        let root = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("a", Some(root.path())).unwrap();
+        let mut flight = NextFlight { lacks_vehicle: false, ..NextFlight::of(&[], paths) };
+        assert!(flight.is_ready());
+        flight.note_vehicle(ArmingObstacles::default().with(ArmingObstacle::VehicleSilent, true));
+        let text = flight.to_string();
+        assert!(text.contains("switch the vehicle on") && !flight.is_ready(), "{text}");
+    }
+
+    #[test]
+    fn beside_a_vehicle_that_is_behind_a_bridge_only_the_bridge_is_started() {
+        let root = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("a", Some(root.path())).unwrap();
+        let of = |has_bridge| {
+            NextFlight { has_bridge, ..NextFlight::of(&[], paths.clone()) }.to_string()
+        };
+        assert!(of(false).contains("plant-sim") && !of(true).contains("plant-sim"));
+        std::fs::create_dir_all(paths.directory()).unwrap();
+        std::fs::write(paths.config(), "[bridge]\nlink = \"msp:tcp:host:5761\"\n").unwrap();
+        let text = NextFlight::of(&[], paths.clone()).to_string();
+        assert!(text.contains("bridge run") && !text.contains("plant-sim"), "{text}");
     }
 }

@@ -124,6 +124,11 @@ impl Reached {
         self.processes.iter().any(|process| !process.is_vehicle && !has_vehicle(process))
     }
 
+    /// Whether no daemon was found, or one without a process of its vehicle.
+    pub fn lacks_process(&self) -> bool {
+        !self.has_daemon() || self.lacks_vehicle()
+    }
+
     /// Failure of `command` without an addressed process; `nobody` states this. Another user's process on the instance is a
     /// missing permission.
     pub fn nobody(&self, command: &str, nobody: String) -> Failure {

@@ -152,6 +152,9 @@ impl ControlReport {
             Some(Cause::WrongMode) if is_one_of(&[Disarm]) => {
                 &format!("`oqtal ctl land {place}` or `oqtal ctl stop {place}` ends a flight")
             }
+            Some(Cause::WrongMode) if is_one_of(&[Arm]) => &format!(
+                "a flight was begun already, perhaps by somebody else; `oqtal ctl status {place}` shows it"
+            ),
             Some(Cause::WrongMode) if is_one_of(&[Resume]) => {
                 "`resume` returns from the fallback law to `control.controller`; it needs a flight and a law in `control.fallback`"
             }
@@ -163,9 +166,6 @@ impl ControlReport {
                     "the fence holds the vehicle; repeat it once `oqtal ctl status {place}` no longer says Hold, or `oqtal ctl land {place}`"
                 )
             }
-            Some(Cause::Fence) if is_one_of(&[Trajectory]) => &format!(
-                "from where the vehicle is, the trajectory leaves the fence; `oqtal ctl goto X Y Z {place}` to a point from which it fits"
-            ),
             Some(Cause::NoLaw) => "start the law's program, then repeat `resume`",
             Some(Cause::NearFloor) => &format!(
                 "choose a point at least 0.1 m above the floor; to land, use `oqtal ctl land {place}`"
@@ -297,5 +297,17 @@ mod tests {
             assert!(text.contains("only the remote control lands it"), "{text}");
             assert!(!text.contains("off;") && !text.contains("no flight"), "{text}");
         }
+    }
+
+    #[test]
+    fn the_second_of_two_who_arm_is_told_that_a_flight_was_begun() {
+        let (answer, mode) = (Answer::Refused.code(), Mode::Flying.code());
+        let cause = Cause::WrongMode.code();
+        let response = ControlResponseV1 { answer, mode, cause, ..ControlResponseV1::default() };
+        let paths = InstancePaths::new("a", None).unwrap();
+        let status = InstanceStatus::default();
+        let report = ControlReport::new(OperatorCommand::Arm, &response, status, &paths);
+        let message = report.check(&response, None).unwrap_err().message;
+        assert!(message.contains("a flight was begun already"), "{message}");
     }
 }

@@ -8,7 +8,8 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_observe::status::{VehicleStatus, hash_of_file};
+use oqtal_observe::config_file::hash_of_file;
+use oqtal_observe::status::VehicleStatus;
 use oqtal_runtime::program::beside;
 
 use crate::status;

@@ -45,6 +45,7 @@ pub fn observe(bus: &Bus) -> Result<InstanceStatus, BusError> {
             }
             if is_over || !lacks_process {
                 let stop = StopSwitch::existing(bus.paths())?;
+                status.daemon_config = bus.paths().config();
                 status.awaits_stop = stop.is_some_and(|stop| stop.awaits_vehicle());
                 return Ok(status);
             }

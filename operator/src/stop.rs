@@ -139,7 +139,7 @@ pub fn raise(
     // Before the processes end, as those of `oqtal fly` do.
     let mut again = NextFlights::of(&reached);
     let answers = ask_daemon(&reached.paths, request);
-    let running = (!reached.has_daemon()).then(|| RunningProcesses::beside(&reached.paths));
+    let running = reached.lacks_process().then(|| RunningProcesses::beside(&reached.paths));
     // Their answers are not reported; waiting for them lets the requests be made.
     let others: Vec<_> =
         reached.places().iter().skip(1).map(|paths| ask_daemon(paths, request)).collect();

@@ -1,14 +1,13 @@
 //! The model as lines of text: a label, words, and their importance.
 
-use oqtal_bus::code::{Cause, ControlHolder, Mode, SafetyState};
+use oqtal_bus::code::{ControlHolder, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Span;
-use oqtal_bus::topic::Role;
 use oqtal_observe::event::DaemonCondition;
 use oqtal_observe::instance::{InstanceModel, Newest, tracking_error_m};
 use oqtal_observe::latency::{DistributionSummary, WHOLE};
-use oqtal_observe::status::{OLD_POSITION_S, VehicleStatus};
+use oqtal_observe::status::{OLD_POSITION_S, VehicleStatus, trouble_of_receiver};
 
 use crate::look::Weight;
 use crate::wrapping::wrapped;
@@ -185,8 +184,8 @@ fn problems(model: &InstanceModel) -> StatusLine {
         let name = process.role.name();
         if process.is_silent {
             found.push(format!("{name} silent"));
-        } else if process.role == Role::Receiver && process.health.cause == Cause::NoPose.code() {
-            found.push("cameras silent".to_owned());
+        } else if let Some(trouble) = trouble_of_receiver(process.role, process.health.cause) {
+            found.push(trouble.to_owned());
         } else if process.health.runs_late == 1 {
             found.push(format!("{name} runs late"));
         }

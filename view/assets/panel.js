@@ -104,7 +104,7 @@ export class Panel {
     const lines = processes.filter(({ heard }) => heard).map(({ name, heard }) => {
       const isSilent = heard.age_ms > SILENT_MS;
       const problem = (heard.vehicle_answers === false && "vehicle silent")
-        || (heard.cameras_answer === false && "cameras silent") || (heard.runs_late && "runs late");
+        || heard.trouble || (heard.runs_late && "runs late");
       const text = isSilent ? `silent for ${(heard.age_ms / 1000).toFixed(0)} s` : problem || "well";
       return { name, text, mood: isSilent ? "bad" : problem ? "warning" : "" };
     });

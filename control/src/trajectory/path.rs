@@ -87,6 +87,15 @@ impl Trajectory {
         }
     }
 
+    /// Times at which the acceleration may jump \[s\]: those of the waypoints.
+    pub fn corners_s(&self) -> impl Iterator<Item = f64> {
+        let waypoints = match &self.shape {
+            TrajectoryShape::Waypoints(waypoints) => Some(waypoints.times_s()),
+            _ => None,
+        };
+        waypoints.into_iter().flatten()
+    }
+
     /// Whether the trajectory prescribes attitudes. Only the times with a prescribed attitude are then scored.
     pub(super) fn is_of_attitude(&self) -> bool {
         matches!(

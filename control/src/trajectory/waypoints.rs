@@ -179,6 +179,11 @@ impl Waypoints {
         self.knots[self.knots.len() - 1].t_s
     }
 
+    /// Times of the points \[s\].
+    pub(super) fn times_s(&self) -> impl Iterator<Item = f64> {
+        self.knots.iter().map(|knot| knot.t_s)
+    }
+
     /// The reference at `t_s` \[s\] in 0..duration.
     pub(super) fn sample(&self, t_s: f64) -> Reference {
         let next =
