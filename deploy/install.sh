@@ -171,7 +171,7 @@ register() {
 unregister() {
     for unit in "$units"/oqtal-*; do
         [ -e "$unit" ] || continue
-        # First, since a masked unit cannot be disabled: removes masks and drop-ins of an operator.
+        # An operator's masks and drop-ins are removed first, since a masked unit cannot be disabled.
         systemctl --quiet revert "$(basename "$unit")" || true
         systemctl --quiet disable --now "$(basename "$unit")" || true
     done

@@ -146,7 +146,7 @@ class Remote:
 
     def send(self, message):
         # Refused is the datagram before; the gateway may be starting again.
-        with contextlib.suppress(ConnectionRefusedError):
+        with contextlib.suppress(ConnectionRefusedError, BlockingIOError):
             self.socket.send(self.signed(message))
 
     def reply(self):

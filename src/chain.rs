@@ -7,7 +7,7 @@
 use std::process::ExitCode;
 
 use clap::Subcommand;
-use oqtal_bridge::{PortBorrower, PortWriter};
+use oqtal_bridge::PortBorrower;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{Role, VEHICLE};
@@ -51,11 +51,12 @@ fn check(config: &Config) -> Result<(), Failure> {
 /// Flies with the poses of a camera system until a stop is requested.
 fn run(context: &ProcessContext) -> Result<(), Failure> {
     check(&context.config)?;
+    require_bridge(context)?;
     let cameras = context.of_part(Role::Receiver);
     let ReceiverParts { turn, descriptor, connector, buses: _buses } =
         oqtal_receiver::open(&cameras)?;
-    // Last: a bridge that starts waits for its port a shorter time than a connection to the cameras may take.
-    let (borrower, writer) = borrow(context)?;
+    // Last: while the cameras are being connected, nobody returns the port to a bridge that restarts; it waits only 2 s for it.
+    let (borrower, writer) = PortBorrower::open(&context.paths()?.chain(), &context.config)?;
     let period = Span::period_of(context.config.control.rate_hz);
     let awake = AwakeInterval::of(&context.config, context.role);
     let clock = LoopClock::polled(descriptor, context.stop.clone())
@@ -68,19 +69,18 @@ fn run(context: &ProcessContext) -> Result<(), Failure> {
     )
 }
 
-/// The port of the bridge of this instance.
-fn borrow(context: &ProcessContext) -> Result<(PortBorrower, PortWriter), Failure> {
-    let (bus, config) = (Bus::open(&context.paths()?)?, &context.config);
+/// Fails unless a bridge runs on this instance.
+fn require_bridge(context: &ProcessContext) -> Result<(), Failure> {
+    let bus = Bus::open(&context.paths()?)?;
     let flags = bus.paths().flags();
-    let holder = bus.holder(&VEHICLE)?;
-    PortBorrower::open(&bus.paths().chain(), config).map_err(|Failure { exit, message }| {
-        let remedy = match holder {
-            Some(it) if it.contains("plant-sim") => format!(
-                "{it} has the vehicle, which takes commands from the bus: a chain is for a vehicle behind a bridge; run `oqtal receiver run {flags}` and `oqtal daemon run {flags}`"
-            ),
-            None => format!("{message}; start `oqtal bridge run {flags} --link LINK` first"),
-            Some(_) => message,
-        };
-        Failure::new(exit, remedy)
-    })
+    let reason = match bus.holder(&VEHICLE)? {
+        Some(it) if it.contains("plant-sim") => format!(
+            "{it} has the vehicle, which takes commands from the bus: a chain is for a vehicle behind a bridge; run `oqtal receiver run {flags}` and `oqtal daemon run {flags}`"
+        ),
+        Some(_) => return Ok(()),
+        None => format!(
+            "no bridge runs on this instance; start `oqtal bridge run {flags} --link LINK` first"
+        ),
+    };
+    Err(Failure::new(Exit::Peer, reason))
 }

@@ -258,7 +258,7 @@ fn unscored_hover(Mission { config, trajectory, .. }: &Mission) -> Option<String
     let is_short =
         config.trajectory.kind == TrajectoryKind::Hover && !plan.scored(plan.planned_landing_s());
     (is_short && config.clock.kind == ClockKind::Real).then(|| {
-        "nothing of this flight is scored: a hover is from 10 s after it is reached, see --duration".to_owned()
+        "nothing of this flight is scored: scoring of a hover begins 10 s after it is reached; give a longer --duration".to_owned()
     })
 }
 

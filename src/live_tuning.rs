@@ -11,7 +11,7 @@ use oqtal_bus::message::EventV1;
 use oqtal_bus::origin::Origin;
 use oqtal_bus::paths::{InstancePaths, quoted};
 use oqtal_bus::time::Time;
-use oqtal_config::{Config, Setting};
+use oqtal_config::{Config, Interface, Setting};
 use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
 use oqtal_lab::identify::identification::Identification;
 use oqtal_lab::identify::{overview, vehicle_toml};
@@ -46,7 +46,8 @@ static ARE_CHANGED: AtomicBool = AtomicBool::new(false);
 /// Tunes the law that flies for the vehicle that hovers, and with `--apply` changes its gains.
 ///
 /// # Errors
-/// No daemon answers (exit code 75), the vehicle does not hover or does not go on hovering (1), the vehicle or its law cannot be
+/// No daemon answers (exit code 75), the vehicle does not stay in a hover, or the gains found have too
+/// little margin (1), the vehicle or its law cannot be
 /// tuned (64), or a file cannot be written (71).
 pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let search = (&args.budget(), args.weights()?, &*args.options());
@@ -83,7 +84,10 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
         (true, false) => propose(tuned, &paths),
         (true, true) => {
             require_unchanged(present_settings(&bus), &present)?;
-            require_margin(tuned, *least_margin_ratio, &paths)?;
+            // Margins are known of vehicles that are commanded by rates.
+            if config.vehicle.interface == Interface::Rate {
+                require_margin(tuned, *least_margin_ratio, &paths)?;
+            }
             apply_gains(tuned, (&bus, &config), before_m)
         }
     }

@@ -8,10 +8,10 @@ use oqtal_runtime::handoff::{BackgroundHandle, RtHandle};
 use oqtal_runtime::reopener::Reopener;
 use oqtal_wire::link::LinkSpec;
 
-use crate::chore::Chore;
 use crate::lender::PortLender;
 use crate::link::{PortOptions, VehicleLink};
 use crate::note::Note;
+use crate::setup::Chore;
 use crate::tenant::PortPart;
 
 /// The real-time thread's end of the hand-off: notes and lost parts go to the background thread, opened ones come from it.

@@ -133,8 +133,7 @@ fn borrow(path: &Path, config: &Config) -> Result<(OwnedFd, BorrowedPort), Failu
     let connection = connect(path).map_err(|error| {
         peer(format!("no bridge lends its port at {}: {error}", path.display()))
     })?;
-    let key = options::key_fingerprint(config).map_err(|error| config.locate(&error))?;
-    let (text, descriptors) = send(&connection, &key, &[])
+    let (text, descriptors) = send(&connection, &options::key_fingerprint(config), &[])
         .and_then(|()| receive(&connection, ANSWER_TIMEOUT_MS))
         .map_err(|error| peer(format!("the bridge at {}: {error}", path.display())))?;
     let Ok([port, lease]) = <[OwnedFd; 2]>::try_from(descriptors) else { return Err(peer(text)) };

@@ -113,8 +113,11 @@ impl PortLender {
     fn lend(&self, connection: &OwnedFd, peer: &UCred) -> Result<PortTenant, String> {
         let spec = &self.spec;
         // Read first: a connection that is closed with unread packets loses the answer.
-        let (key, _) = receive(connection, REQUEST_TIMEOUT_MS)
-            .map_err(|error| format!("the chain sent no request: {error}"))?;
+        let (key, _) = receive(connection, REQUEST_TIMEOUT_MS).map_err(|error| {
+            format!(
+                "the chain sent no request: {error}; bridge and chain must be of the same build"
+            )
+        })?;
         if !can_be_lent(spec) {
             return Err(format!(
                 "the bridge cannot lend {spec}, only asctec without an XBee in API mode, mavlink, and crtp:udp; run `oqtal receiver run` and `oqtal daemon run` in place of the chain, or `oqtal fly` without --chain"
@@ -203,7 +206,7 @@ mod tests {
         let host = HostPort { host: "127.0.0.1".to_owned(), port: 0 };
         let link = UdpPortOptions::In(host).open().unwrap();
         let (path, spec) = (directory.join("chain"), "mavlink:udpin:127.0.0.1:14550".parse());
-        let key = options::key_fingerprint(&one).unwrap();
+        let key = options::key_fingerprint(&one);
         let mut lender = PortLender::open(path.clone(), spec.unwrap(), key, &*link).unwrap();
         for config in [&other, &Config::default()] {
             let refusal = answer(&mut lender, &path, config).unwrap_err();

@@ -20,7 +20,7 @@
 //! | `setup.rs`, `options.rs` | protocol, transport and port that the configuration asks for | |
 //! | `vehicle_setup.rs`, `wanted.rs` | the command `setup`: parameters of an autopilot, and their rules | |
 //! | `lender.rs`, `tenant.rs`, `borrower.rs` | the port lent to another process, at both ends | safety |
-//! | `turn.rs`, `background.rs`, `chore.rs`, `note.rs` | the turn of the real-time thread; the background thread, its further work; its log | |
+//! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
 //! The bridge is the second of three lines of safety, each independent of the others: the daemon checks poses, the bridge checks
 //! the age of the daemon's commands by its own clock, systemd restarts processes that ended.
@@ -30,7 +30,6 @@ mod asctec;
 mod background;
 mod borrower;
 mod bridge;
-mod chore;
 mod crtp;
 mod internet;
 mod lender;
@@ -261,8 +260,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
     let link = open_free(&*port).map_err(PortOpenError::of_run)?;
-    // It was read for the protocol, if packets are signed.
-    let key = options::key_fingerprint(&context.config).unwrap_or_default();
+    let key = options::key_fingerprint(&context.config);
     let lender = PortLender::open(bus.paths().chain(), spec.clone(), key, &*link);
     // A bridge needs no chain.
     let lender = lender.inspect_err(|failure| tracing::warn!("{failure}")).ok();

@@ -1,14 +1,16 @@
 //! Set-up of the bridge from the configuration: link, protocol and transport.
 
+use std::fmt::Debug;
+
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::options::OptionError;
+use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::link::{AsctecLink, CrtpLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
-use crate::chore::Chore;
 use crate::crtp::{Crtp, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
@@ -23,6 +25,11 @@ use crate::timing::periodic_spacing;
 use crate::transport::{BareTransport, VehicleTransport};
 use crate::udp::UdpPortOptions;
 use crate::xbee::XbeeTransport;
+
+/// Further work of the background thread.
+pub trait Chore: BackgroundWorker + Debug + Send {}
+
+impl<W: BackgroundWorker + Debug + Send> Chore for W {}
 
 /// Greatest share of the line's time that set-points may take \[-\].
 const MAX_OCCUPANCY: f64 = 0.8;

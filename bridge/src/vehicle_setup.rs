@@ -20,7 +20,7 @@ pub fn set_up(config: &Config, spec: &LinkSpec, apply: bool) -> Result<(String, 
         LinkSpec::Msp(_) => msp::set_up(config, spec, apply),
         LinkSpec::Asctec(_) => {
             let message = format!(
-                "{spec}: a vehicle of AscTec has no parameters that are set up; find its time-out without set-points on the table and set `bridge.vehicle-time-out-ms`, as docs/operations.md describes"
+                "{spec}: a vehicle of AscTec has no parameters to set up; measure its time-out without set-points on the bench and set `bridge.vehicle-time-out-ms`, as docs/operations.md describes"
             );
             Err(Failure::new(Exit::Usage, message))
         }

@@ -57,7 +57,7 @@ impl Config {
         let (poses, loops) = (self.safety.pose_rate_hz, self.control.rate_hz);
         if poses < loops * LEAST_POSES_PER_TICK {
             let allowed = format!(
-                "at least two thirds of control.rate-hz, {loops}: lower that to {poses}, one tick per pose, or raise the rate of the poses, mocap.rate-hz (of real cameras safety.pose-rate-hz)"
+                "at least two thirds of control.rate-hz, {loops}: lower that to {poses}, one tick per pose, or, if the poses arrive faster, set mocap.rate-hz, or for real cameras safety.pose-rate-hz, to their rate"
             );
             return Err(OptionError::new("safety.pose-rate-hz", poses, allowed));
         }
@@ -98,7 +98,7 @@ impl Config {
     /// Protects real vehicles from accidental faults: a bridge's link must lead to an emulated vehicle or to a firmware executed as a
     /// program.
     fn check_faults(&self) -> Result<(), OptionError> {
-        let is_real = !self.bridge.link.is_empty() && !self.plant.is_behind_bridge();
+        let is_real = !self.bridge.link.is_empty() && !self.plant.is_simulated_behind_bridge();
         let Some(first) = self.fault.inject.first() else { return Ok(()) };
         if !is_real || self.fault.with_real_vehicle {
             return Ok(());

@@ -286,13 +286,16 @@ impl Config {
         })
     }
 
-    /// Warning that emulated cameras send poses at another rate than the loop expects; `None` if they do not, or real cameras send them.
+    /// Warning that emulated cameras send poses at another rate than the loop expects; `None` if the rates agree, for real cameras, and
+    /// for a camera computer that sends only some of its frames.
     pub fn pose_rate_warning(&self) -> Option<String> {
         let (sent, expected) = (self.mocap.rate_hz, self.safety.pose_rate_hz);
-        let is_emulated = self.receiver.link.is_empty() && !self.is_replay();
+        let is_emulated = self.receiver.link.is_empty()
+            && !self.is_replay()
+            && self.mocap.room.send_period_ms == 0.0;
         (is_emulated && (sent / expected - 1.0).abs() > RATE_TOLERANCE).then(|| {
             format!(
-                "mocap.rate-hz is {sent} and safety.pose-rate-hz {expected}: the loop expects other poses than the emulated cameras send, and ticks unevenly, at neither rate; set mocap.rate-hz = {expected}"
+                "mocap.rate-hz is {sent} and safety.pose-rate-hz {expected}: the emulated cameras send poses at another rate than the loop expects, so its ticks are uneven; set mocap.rate-hz = {expected}"
             )
         })
     }

@@ -4,7 +4,7 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
 use crate::mocap_cameras::{CameraOptions, MarkerOptions};
-use crate::mocap_room::{A_MINUTE, RoomOptions};
+use crate::mocap_room::{DELAY, RoomOptions};
 use crate::mocap_serve::ServeOptions;
 use crate::preset;
 
@@ -84,9 +84,9 @@ impl MocapOptions {
             ("rate-hz", self.rate_hz, Rule::Between(f64::MIN_POSITIVE, 1000.0)),
             ("position-noise-mm", self.position_noise_mm, Rule::NotNegative),
             ("attitude-noise-deg", self.attitude_noise_deg, Rule::NotNegative),
-            ("latency-ms", self.latency_ms, A_MINUTE),
-            ("jitter-ms", self.jitter_ms, A_MINUTE),
-            ("poll-ms", self.poll_ms, A_MINUTE),
+            ("latency-ms", self.latency_ms, DELAY),
+            ("jitter-ms", self.jitter_ms, DELAY),
+            ("poll-ms", self.poll_ms, DELAY),
             ("dropout-probability", self.dropout_probability, probability),
             ("dropout-frames", self.dropout_frames, Rule::Between(1.0, f64::MAX)),
             ("outlier-probability", self.outlier_probability, probability),

@@ -4,9 +4,9 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
 /// Greatest delay of a pose by any one cause \[ms\].
-const A_MINUTE_MS: f64 = 60_000.0;
+const LONGEST_DELAY_MS: f64 = 60_000.0;
 /// Rule of a delay \[ms\].
-pub(crate) const A_MINUTE: Rule = Rule::Between(0.0, A_MINUTE_MS);
+pub(crate) const DELAY: Rule = Rule::Between(0.0, LONGEST_DELAY_MS);
 
 /// `[mocap.room]`. Has no effect with every probability, rate and period at zero.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,15 +63,15 @@ impl RoomOptions {
     pub(crate) fn check(&self) -> Result<(), OptionError> {
         let share = Rule::Between(0.0, 1.0);
         check_options([
-            ("send-period-ms", self.send_period_ms, A_MINUTE),
+            ("send-period-ms", self.send_period_ms, DELAY),
             ("send-skip-probability", self.send_skip_probability, Rule::Between(0.0, 0.99)),
             ("send-late-probability", self.send_late_probability, share),
-            ("send-late-ms", self.send_late_ms, A_MINUTE),
+            ("send-late-ms", self.send_late_ms, DELAY),
             ("stalls-per-1000-s", self.stalls_per_1000_s, Rule::NotNegative),
             ("stall-from-ms", self.stall_from_ms, Rule::Positive),
-            ("stall-to-ms", self.stall_to_ms, Rule::Between(self.stall_from_ms, A_MINUTE_MS)),
+            ("stall-to-ms", self.stall_to_ms, Rule::Between(self.stall_from_ms, LONGEST_DELAY_MS)),
             ("stall-loss-probability", self.stall_loss_probability, share),
-            ("queue-spacing-ms", self.queue_spacing_ms, A_MINUTE),
+            ("queue-spacing-ms", self.queue_spacing_ms, DELAY),
             ("position-drift-mm", self.position_drift_mm, Rule::NotNegative),
             ("attitude-drift-deg", self.attitude_drift_deg, Rule::NotNegative),
             ("pose-coupling-ratio", self.pose_coupling_ratio, share),

@@ -63,8 +63,7 @@ pub struct PlantOptions {
     pub command_loss_burst: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,
-    /// Greatest relative deviation from their values here \[-\], drawn once per seed, uniformly in both directions, of mass, inertia
-    /// (as a whole), `max_*`, `rate_authority_rad_s`, `rate_lag_ms`, `attitude_gain_per_s`, `thrust_lag_ms`, `command_delay_ms` and
+    /// Greatest relative deviation \[-\], drawn once per seed, uniformly in both directions, of mass, inertia (as a whole), `max_*`, `rate_authority_rad_s`, `rate_lag_ms`, `attitude_gain_per_s`, `thrust_lag_ms`, `command_delay_ms` and
     /// `drag_per_s`, and of the rotors' arm, thrust and torque coefficients, lag and greatest speed.
     pub spread: f64,
     /// Standard deviation of the gusts' acceleration per axis \[m/s^2, world\].
@@ -193,7 +192,7 @@ impl PlantOptions {
 
     /// Whether a bridge commands the vehicle, which is simulated nevertheless: an emulated one at a wire, or a firmware executed as a
     /// program.
-    pub fn is_behind_bridge(&self) -> bool {
+    pub fn is_simulated_behind_bridge(&self) -> bool {
         !self.wire.link.is_empty() || !self.truth.is_empty()
     }
 

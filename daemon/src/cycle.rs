@@ -245,7 +245,7 @@ impl Cycle {
         let Some(guarded) = &mut self.guarded else { return computed };
         guarded.begin_tick();
         let acts_at = tick.now + Span::from_seconds(self.intake.tracker().effect_delay_s());
-        // A law that ignored the oscillation would hide poses that do not follow the vehicle.
+        // The oscillation reveals poses that do not follow the vehicle; an external law must fly it, too.
         let offset_rad = self.intake.consistency().heading_offset_rad(acts_at);
         let law_tick = LawTick {
             tick,

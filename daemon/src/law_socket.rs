@@ -89,8 +89,8 @@ impl SocketLaw {
         }
     }
 
-    /// The answer to the question `sequence` before the instant `until`, with the instant of its receipt; a packet of another form
-    /// counts as one. Another answer if only others arrive; `None` without any. The reason in place of an answer if the law ends without another one.
+    /// The answer to the question `sequence`, or a malformed packet, as soon as it arrives, with the instant of its receipt; at `until` the
+    /// newest other answer, or `None`; the reason in place of an answer if the law ends first.
     fn receive(&mut self, sequence: u64, until: Time) -> Option<ExternalV1> {
         let (mut bytes, mut other) = ([0; ANSWER.len() + ANSWERED + 1], None);
         while !self.stop.is_set() {

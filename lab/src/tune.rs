@@ -75,8 +75,8 @@ pub struct TuneArgs {
     pub live: LiveArgs,
 }
 
-/// Least disk margin in hover with which gains are applied \[-\]: less than of all gains in deploy/tuned, and enough for a change of
-/// gain by 16 % together with a lag of 8 deg.
+/// Least disk margin in hover with which gains are applied \[-\]: less than that of any gains in deploy/tuned, and enough for a change
+/// of gain by 16 %, or a lag of 8 deg.
 const LEAST_DISK_MARGIN: f64 = 0.15;
 
 /// Arguments of `oqtal tune --live`.

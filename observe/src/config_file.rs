@@ -25,12 +25,12 @@ pub fn edited_files(file: &Path, since_reload: bool) -> Vec<PathBuf> {
     edited_sources(&text_of(file), since_reload)
 }
 
-/// Whether the daemon of the configuration in `file` was started with a copy of an earlier one; false if it cannot be read.
+/// Whether the daemon with the configuration in `file` was started from a copy of an earlier configuration; false if it cannot be read.
 pub fn is_copy(file: &Path) -> bool {
     oqtal_config::is_copy(&text_of(file))
 }
 
-/// Whether the configuration in `file` is of `oqtal chain run`; false if it cannot be read.
+/// Whether the configuration in `file` belongs to `oqtal chain run`; false if it cannot be read.
 pub fn is_of_chain(file: &Path) -> bool {
     oqtal_config::is_of_chain(&text_of(file))
 }
@@ -41,7 +41,7 @@ pub fn has_bridge(file: &Path) -> bool {
     is_of_chain(file) || read_config(file).is_some_and(is_named)
 }
 
-/// The command of the flight that the configuration in `file` is of; `None` if it is that of a daemon of its own, or cannot be read.
+/// Command of the flight to which the configuration in `file` belongs; `None` for a daemon started by itself, or if it cannot be read.
 pub fn flight_of(file: &Path) -> Option<String> {
     oqtal_config::flight_of(&text_of(file)).map(str::to_owned)
 }

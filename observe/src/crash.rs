@@ -17,6 +17,8 @@ const HARD_M_S: f64 = 1.5;
 const AT_FLOOR_M: f64 = 0.05;
 /// Height above the floor below which a vehicle in flight is on it, or has just left it again \[m\]: more than it rises within a tick.
 const TOUCHED_M: f64 = 0.01;
+/// Speed below which a vehicle at the height of arming rests on something there, as on a table \[m/s\].
+const RESTS_M_S: f64 = 0.1;
 /// Distance beyond the fence at which the vehicle is lost \[m\].
 const LOST_M: f64 = 12.0;
 
@@ -56,8 +58,13 @@ impl Crash {
         }
     }
 
-    /// Crash of an armed vehicle in the state of `sample`, over a floor at `floor_m` \[m, world z\]; `None` if it flies.
-    pub fn of(sample: &FlightSample, fence: &FenceOptions, floor_m: f64) -> Option<Self> {
+    /// Crash of an armed vehicle in the state of `sample`, after the tick `before`; it was armed at the height `floor_m` \[m, world z\].
+    /// `None` if it flies, also beside a table on which it was armed.
+    pub fn of(
+        (before, sample): (Option<&FlightSample>, &FlightSample),
+        fence: &FenceOptions,
+        floor_m: f64,
+    ) -> Option<Self> {
         let phase = sample.telemetry.phase;
         let is_airborne =
             [Phase::Settle, Phase::Trajectory].map(|phase| phase as u8).contains(&phase)
@@ -71,7 +78,13 @@ impl Crash {
         if beyond(fence, &position) > LOST_M {
             return Some(Self::Lost { position: position.into() });
         }
-        (is_airborne && position.z <= floor_m + TOUCHED_M).then_some(Self::Floor)
+        let rests = |sample: &FlightSample| {
+            let height_m = sample.position().z - floor_m;
+            (-AT_FLOOR_M..=TOUCHED_M).contains(&height_m) && sample.velocity().norm() < RESTS_M_S
+        };
+        let is_down = position.z <= floor_m.min(0.0) + TOUCHED_M
+            || rests(sample) && before.is_some_and(rests);
+        (is_airborne && is_down).then_some(Self::Floor)
     }
 
     /// Crash of a vehicle, armed or not, that fell in the previous tick and was stopped by the floor at `floor_m` \[m, world z\]; `None`
@@ -128,7 +141,8 @@ mod tests {
     fn a_crash_has_a_cause_and_a_place() {
         let level = [0.0, 0.0, 0.0, 1.0];
         let config = Config::default();
-        let said = |sample| Crash::of(&sample, &config.fence, 0.0).map(|crash| crash.to_string());
+        let said =
+            |sample| Crash::of((None, &sample), &config.fence, 0.0).map(|crash| crash.to_string());
         assert_eq!(said(at([1.0, 1.0, 1.0], level)), None);
         assert_eq!(said(at([0.0, 0.0, 0.005], level)).unwrap(), "was on the floor");
         assert_eq!(said(at([0.0, 0.0, 0.02], level)), None);

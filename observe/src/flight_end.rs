@@ -30,7 +30,7 @@ pub(crate) struct FlightEnd {
     /// Whether the record begins with a stop: it is of an earlier flight.
     begins_stopped: bool,
     resting_since: Option<Time>,
-    /// Height of the vehicle at arming, which is the floor for the daemon, too \[m, world z\]; 0 for a record that begins in flight.
+    /// Height of the floor \[m, world z\]: that of the vehicle at arming, as in the daemon; 0 for a record that begins in flight.
     floor_m: f64,
 }
 
@@ -48,7 +48,7 @@ impl FlightEnd {
                 && sample.telemetry.mission_s <= MISSED_ARMING_S;
             self.floor_m = if is_on_floor { sample.position().z } else { 0.0 };
         }
-        self.detect(sample, fence);
+        self.detect((before.as_ref(), sample), fence);
         let touchdown = before.filter(|_| self.outcome.is_none() && self.flown);
         let crash = |before| Crash::at_touchdown(&before, sample, self.floor_m);
         if let Some(crash) = touchdown.and_then(crash) {
@@ -62,7 +62,11 @@ impl FlightEnd {
     }
 
     /// Ends the flight if this tick ends it.
-    fn detect(&mut self, sample: &FlightSample, fence: &FenceOptions) {
+    fn detect(
+        &mut self,
+        (before, sample): (Option<&FlightSample>, &FlightSample),
+        fence: &FenceOptions,
+    ) {
         if sample.is_armed() {
             if self.resting_since.is_some() {
                 // The vehicle was armed again before the landing was confirmed by its rest.
@@ -70,7 +74,7 @@ impl FlightEnd {
                 return;
             }
             (self.flown, self.outcome) = (true, None);
-            let crash = Crash::of(sample, fence, self.floor_m);
+            let crash = Crash::of((before, sample), fence, self.floor_m);
             if let Some(crash) = crash.filter(|_| !self.is_replaced) {
                 self.crashed(sample.telemetry.time, crash);
             }
@@ -82,7 +86,7 @@ impl FlightEnd {
             self.outcome = Some(Outcome::Stopped);
             return;
         }
-        // Without a stop, the daemon disarms only a vehicle that has landed, at any height: in the air it would fall.
+        // Without a stop, the daemon disarms only after a landing, at whatever height.
         let is_at_rest = self.flown
             && sample.telemetry.mode == Mode::Disarmed.code()
             && sample.velocity().norm() < AT_REST_M_S;
@@ -146,6 +150,19 @@ mod tests {
             ticks[1].2 = floor;
             assert_eq!(flown(&ticks).crash.map(|(_, crash)| crash), Some(Crash::Floor));
         }
+    }
+
+    #[test]
+    fn a_vehicle_may_fly_below_the_table_on_which_it_was_armed() {
+        let flying = |height, climb| (Mode::Flying, Phase::Trajectory, height, climb);
+        let mut ticks = vec![(Mode::Flying, Phase::TakeOff, 0.7, 0.0)];
+        ticks.extend(
+            [(1.0, 0.0), (0.7, -1.0), (0.6, 0.0), (0.68, 0.0), (0.7, 0.5)]
+                .map(|(z, v)| flying(z, v)),
+        );
+        assert_eq!(flown(&ticks).outcome, None);
+        ticks.push(flying(0.005, -1.0));
+        assert_eq!(flown(&ticks).crash.map(|(_, crash)| crash), Some(Crash::Floor));
     }
 
     #[test]

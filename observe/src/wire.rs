@@ -132,7 +132,7 @@ impl WireRecord {
     }
 }
 
-/// Note on the place where the lost commands of a flight were lost, to be put behind them: behind a bridge, losses are not counted.
+/// Qualifier of the number of lost commands: with a bridge, only losses before it are counted.
 pub(crate) fn place_of_losses(wire: Option<&WireFigures>) -> &'static str {
     if wire.is_some() { " before the bridge" } else { "" }
 }

@@ -168,7 +168,7 @@ impl NextFlight {
         self.vehicle_step = if obstacles.contains(ArmingObstacle::Locked) {
             Some("restart the vehicle, which is locked")
         } else if obstacles.contains(ArmingObstacle::VehicleSilent) && has_process {
-            Some("switch the vehicle on, which does not answer, or bring it into range")
+            Some("switch the vehicle on or bring it into range (it does not answer)")
         } else {
             None
         };

@@ -153,7 +153,7 @@ impl ControlReport {
                 &format!("`oqtal ctl land {place}` or `oqtal ctl stop {place}` ends a flight")
             }
             Some(Cause::WrongMode) if is_one_of(&[Arm]) => &format!(
-                "a flight was begun already, perhaps by somebody else; `oqtal ctl status {place}` shows it"
+                "a flight has already begun, perhaps at another operator's request; `oqtal ctl status {place}` shows it"
             ),
             Some(Cause::WrongMode) if is_one_of(&[Resume]) => {
                 "`resume` returns from the fallback law to `control.controller`; it needs a flight and a law in `control.fallback`"

@@ -42,13 +42,12 @@ mod world;
 
 use std::rc::Rc;
 
+use clap::builder::UnknownArgumentValueParser;
 use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
 use oqtal_config::{Config, FaultTarget, parse_option};
 use oqtal_runtime::faults::FaultyTransport;
-use oqtal_runtime::process::{
-    CommonArgs, Failure, PlantKeyArgs, ProcessCommand, ProcessContext, execute,
-};
+use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::{LinkSpec, TruthSource};
 
@@ -74,7 +73,7 @@ pub enum PlantCommand {
 /// Arguments of the simulator's command line.
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
-    /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=api1|api2]: PATH becomes a link to a pseudo-terminal;
+    /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal;
     /// mavlink:udpout:HOST:PORT, mavlink:udpin:HOST:PORT, crtp:udp:HOST:PORT, or msp:udpin:HOST:PORT
     #[arg(long, value_name = "LINK")]
     wire: Option<String>,
@@ -82,8 +81,9 @@ pub struct PlantArgs {
     /// betaflight-sitl:udp:HOST:PORT[,state=HOST:PORT], or publish the truth of an autopilot's own simulator, mavlink:udpin:HOST:PORT
     #[arg(long, value_name = "LINK", conflicts_with = "wire")]
     truth: Option<String>,
-    #[command(flatten)]
-    plant: PlantKeyArgs,
+    // Known to `fly`: the error names the option of this command.
+    #[arg(long = "plant", hide = true, value_parser = UnknownArgumentValueParser::suggest_arg("--set").and_suggest("write --set plant.KEY=VALUE"))]
+    _plant: Option<String>,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -100,10 +100,9 @@ impl PlantCommand {
 }
 
 impl PlantArgs {
-    /// The arguments of any process; wire, truth and keys of `[plant]` become settings.
+    /// The arguments of any process; wire and truth become settings.
     fn common(self) -> CommonArgs {
-        let Self { wire, truth, plant, mut common } = self;
-        common.settings.extend(plant.plant.iter().map(|text| format!("plant.{text}")));
+        let Self { wire, truth, mut common, .. } = self;
         common.settings.extend(wire.map(|link| format!("plant.wire.link={link}")));
         common.settings.extend(truth.map(|link| format!("plant.truth={link}")));
         common

@@ -91,7 +91,7 @@ impl DefinitionSlot {
         Self { spare: Some(Box::new(spare)), received: false, missed: false }
     }
 
-    /// Keeps definitions, unless they are the last ones again. Of those that come before any were taken, the last are kept.
+    /// Keeps definitions that differ from those kept last. Of those that come before any were taken, the last are kept.
     pub fn receive(&mut self, bytes: &[u8]) {
         match &mut self.spare {
             Some(spare) if spare.bytes == bytes => {}

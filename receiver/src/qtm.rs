@@ -24,9 +24,9 @@ use oqtal_wire::link::{CameraProtocol, QTM_VERSIONS};
 const BIG_ENDIAN_PORT: u16 = 22224;
 /// Size of the read buffer \[bytes\]: the longest datagram.
 const BUFFER: usize = 65_536;
-/// Time between two requests for parameters that do not agree with the frames.
+/// Time between two requests for parameters while they and the frames differ in the number of bodies.
 const REQUEST_PERIOD: Span = Span::from_millis(500);
-/// Time between two requests for parameters that agree with them: a body can be renamed, or take the place of another.
+/// Time between two requests for parameters while they agree: a body can be renamed, or take the place of another.
 const CHECK_PERIOD: Span = Span::from_millis(2000);
 /// Most reads of one turn \[-\].
 const MAX_READS: usize = 64;
@@ -50,10 +50,8 @@ pub struct QtmConnection {
 #[derive(Clone, Copy, Debug)]
 struct BodyAgreement {
     holds: bool,
-    /// Instant from which parameters may be requested again while it does not hold.
-    next_request: Time,
-    /// Instant at which parameters are requested while it holds.
-    next_check: Time,
+    /// Instant of the last request for parameters.
+    requested_at: Time,
 }
 
 /// Connects, agrees on a version, reads the names of the bodies and asks for frames.
@@ -108,8 +106,8 @@ impl QtmConnection {
         let routes = attempt.routes();
         let definitions = DefinitionSlot::new(DefinitionFormat::Qtm, &routes);
         let (server, buffer) = (attempt.address.ip(), vec![0; BUFFER]);
-        let next_check = Time::now() + CHECK_PERIOD;
-        let agreement = BodyAgreement { holds: true, next_request: Time::UNSET, next_check };
+        // If the first frame does not agree, they are requested at once.
+        let agreement = BodyAgreement { holds: true, requested_at: Time::now() - REQUEST_PERIOD };
         Ok(Self { client, control, frames, order, routes, definitions, agreement, server, buffer })
     }
 
@@ -236,9 +234,9 @@ impl CameraStream for QtmConnection {
 
     fn maintain(&mut self, now: Time) -> io::Result<()> {
         let Self { client, control, agreement, .. } = self;
-        if now >= if agreement.holds { agreement.next_check } else { agreement.next_request } {
-            agreement.next_request = now + REQUEST_PERIOD;
-            agreement.next_check = now + CHECK_PERIOD;
+        let period = if agreement.holds { CHECK_PERIOD } else { REQUEST_PERIOD };
+        if now.since(agreement.requested_at) >= period {
+            agreement.requested_at = now;
             client.request_parameters();
         }
         client.flush(|output| write_all(control, output))

@@ -147,7 +147,7 @@ impl<T: Transport> ReceiverTurn<T> {
         let silent = now.since(self.receiver.arrived_at()) > self.silence;
         let cause = match self.watch.trouble(route) {
             _ if self.stream.is_none() => Cause::NoPose,
-            // A server that sends frames for its bodies alone is silent without them.
+            // Some servers send frames only while they have a body: then a missing body is the reason for the silence.
             Cause::NoBody => Cause::NoBody,
             _ if silent => Cause::NoPose,
             trouble => trouble,
@@ -226,7 +226,7 @@ impl<T: Transport> Turn for ReceiverTurn<T> {
         Ok(())
     }
 
-    /// That for the instance of the first body.
+    /// Health for the instance of the first body.
     fn health(&self, now: Time) -> HealthV1 {
         self.health_of(0, now)
     }

@@ -75,7 +75,7 @@ fn run(name: &str, role: Role, args: &CommonArgs, job: Job) -> Result<(), Failur
     let signals = obey_operators(role)?;
     let config = load(args)?;
     // An emulated vehicle at a wire, and a firmware executed as a program, are stopped through their bridge, like a real one.
-    let is_stopped_by_bridge = role == Role::Plant && config.plant.is_behind_bridge();
+    let is_stopped_by_bridge = role == Role::Plant && config.plant.is_simulated_behind_bridge();
     // Named once the handlers are installed: operators find the process by this name.
     let thread = thread_name(&instance_paths(&config)?, role);
     let _log = log::start(config.log.level, role, thread.filter(|_| !is_stopped_by_bridge));

@@ -55,13 +55,15 @@ impl<T: Send + 'static> Reopener<T> {
     ) -> Option<T> {
         let Some(attempt) = &self.attempt else {
             if self.next.is_some_and(|next| now >= next) {
-                self.attempt = Some(started(open));
+                self.attempt = Some(spawn_attempt(open));
             }
             return None;
         };
         let result = match attempt.try_recv() {
             Err(TryRecvError::Empty) => return None,
-            Err(TryRecvError::Disconnected) => Err("an attempt to connect failed".to_owned()),
+            Err(TryRecvError::Disconnected) => {
+                Err("the thread that opens it could not be started, or failed".to_owned())
+            }
             Ok(result) => result,
         };
         self.attempt = None;
@@ -77,7 +79,7 @@ impl<T: Send + 'static> Reopener<T> {
                     self.last_reason = reason;
                 }
                 self.pause = self.grown();
-                self.next = self.next.map(|began| began + self.pause);
+                self.next = Some(now + self.pause);
                 None
             }
         }
@@ -89,7 +91,7 @@ impl<T: Send + 'static> Reopener<T> {
 }
 
 /// Executes `open` on a thread of its own; nothing is sent if that thread cannot be started.
-fn started<T: Send + 'static, E: Display>(
+fn spawn_attempt<T: Send + 'static, E: Display>(
     open: impl FnOnce() -> Result<T, E> + Send + 'static,
 ) -> Receiver<Result<T, String>> {
     let (result, attempt) = bounded(1);
@@ -97,7 +99,7 @@ fn started<T: Send + 'static, E: Display>(
         // The process may have ended its search.
         let _ = result.send(open().map_err(|error| error.to_string()));
     };
-    let _ = thread::Builder::new().name("connect".to_owned()).spawn(open);
+    let _ = thread::Builder::new().name("open".to_owned()).spawn(open);
     attempt
 }
 

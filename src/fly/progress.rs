@@ -21,7 +21,7 @@ use oqtal_observe::recorder::Recorder;
 const OBSTACLE_TIMEOUT: Span = Span::from_millis(1000);
 
 /// Progress bar: one line on standard error, cut off at the width of the terminal and removed on drop; invisible if standard
-/// error is not a terminal. Obstacles to the take-off and the first hand-over to the fallback law are always printed there.
+/// error is not a terminal. Obstacles to the take-off and the first hand-over to the fallback law are printed in any case.
 #[derive(Debug)]
 pub struct FlightProgress {
     bar: ProgressBar,

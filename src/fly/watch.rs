@@ -27,7 +27,7 @@ const WATCH_PERIOD: Span = Span::from_millis(20);
 const DESCENT_MARGIN: Span = Span::from_millis(2000);
 
 /// Note on a vehicle in flight whose bridge has ended.
-const FLIES_ON: &str = "\nno command reaches the vehicle any more, not even a stop: it may fly on until its own time-out without set-points; its remote control lands it";
+const FLIES_ON: &str = "\nno command reaches the vehicle any more, not even a stop: it may fly on until its own set-point time-out; land it by remote control";
 
 /// Watches the processes and the operator while the flight is recorded.
 #[derive(Debug)]
@@ -134,7 +134,7 @@ impl<'a> ProcessWatch<'a> {
         is_in_flight: bool,
     ) -> Result<(), Failure> {
         let Some(Failure { exit, message }) = processes.other_failure() else { return Ok(()) };
-        let is_emulated = !self.config.plant.wire.link.is_empty();
+        let is_emulated = self.config.plant.is_simulated_behind_bridge();
         let flies_on = is_in_flight && !is_emulated && processes.has_lost(Role::Bridge);
         Err(Failure::new(exit, message + if flies_on { FLIES_ON } else { "" }))
     }

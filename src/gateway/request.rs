@@ -31,18 +31,19 @@ struct GatewayRequest {
 impl GatewayRequest {
     /// Reason not to execute the request at `now`, after `endings` stops and landings; `None` for a stop or a landing. A request that
     /// waited must not take effect after one of them, nor on a later flight.
-    fn refusal(&self, endings: u64, is_ending: bool, now: Time) -> Option<String> {
+    fn refusal(&self, endings: u64, gateway_ends: bool, now: Time) -> Option<String> {
         if self.command.ends_flight() {
             return None;
         }
         let waited = now.since(self.received_at);
-        if endings != self.endings_before {
+        let has_effect = !matches!(self.command, CtlRequest::Status | CtlRequest::Get);
+        if endings != self.endings_before && has_effect {
             Some("a stop or a landing was requested after it".to_owned())
         } else if waited > ANSWER_TIMEOUT {
             let limit_s = ANSWER_TIMEOUT.seconds();
-            Some(format!("it waited for {:.1} s, more than {limit_s} s", waited.seconds()))
+            Some(format!("it waited longer than {limit_s} s for the daemon"))
         } else {
-            is_ending.then(|| "the gateway ends".to_owned())
+            gateway_ends.then(|| "the gateway ends".to_owned())
         }
     }
 
@@ -222,9 +223,9 @@ mod tests {
     fn a_request_that_waited_for_a_stop_or_for_two_seconds_is_refused() {
         let arm = request(CtlRequest::Arm, 1);
         let at = |millis| RECEIVED_AT + Span::from_millis(millis);
-        let refusal = |endings, is_ending, now| arm.refusal(endings, is_ending, now);
+        let refusal = |endings, gateway_ends, now| arm.refusal(endings, gateway_ends, now);
         assert_eq!(refusal(3, false, at(2000)), None);
-        assert!(refusal(3, false, at(2001)).unwrap().contains("it waited for 2.0 s"));
+        assert!(refusal(3, false, at(2001)).unwrap().contains("it waited longer than 2 s"));
         assert!(refusal(4, false, at(0)).unwrap().contains("requested after it"));
         assert!(refusal(3, true, at(0)).unwrap().contains("the gateway ends"));
         for command in [CtlRequest::Stop, CtlRequest::Land] {

@@ -1,4 +1,4 @@
-//! Protection against datagrams that are sent twice: each sequence number counts once in a session.
+//! Protection against replayed datagrams: each sequence number is accepted once in a session.
 
 use std::collections::BTreeSet;
 use std::sync::Mutex;

@@ -273,7 +273,7 @@ impl MspSettings {
     }
 
     /// Name of the first setting with which set-points would be misunderstood, for these rates at full stick \[10 deg/s\]. The
-    /// failsafe is not included: the daemon compares its time with `safety.vehicle-time-out-ms`.
+    /// failsafe is not included: `Msp::deviation` and the daemon compare its time with `safety.vehicle-time-out-ms`.
     pub fn deviation(&self, rates: [u8; 3]) -> Option<&'static str> {
         let broken = self.rules().into_iter().find(|(_, is_met, _)| !is_met);
         let field = || self.wrong_fields(rates).find(|field| field.commands != FAILSAFE);

@@ -27,7 +27,7 @@ pub(crate) fn require_target(config: &Config, target: &Vector4<f64>) -> Result<(
     let [x, y, z, w]: [f64; 4] = (*target).into();
     let yaw = if w.is_nan() { String::new() } else { format!(", yaw {} deg,", w.to_degrees()) };
     let reason = format!(
-        "the point [{x}, {y}, {z}] m{yaw} must be more than {POSITION_ERROR_M} m inside the soft border of the fence: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
+        "the point [{x}, {y}, {z}] m{yaw} must be more than {POSITION_ERROR_M} m inside the soft border of the fence, at the sides and the top: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
         fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
     );
     Err(Refusal { cause: Cause::Fence, reason })
@@ -58,14 +58,19 @@ pub(crate) fn fitting_starts(config: &Config, trajectory: &Trajectory) -> String
         let ends = ways[0].ends(axis).map_or([0.0; 2], |ends| ends.map(|(_, end_m)| end_m));
         extents.push(format!("{name} = {:.2} to {:.2}", ends[0], ends[1]));
         starts.extend(
-            (from_m < to_m).then(|| format!("{name} = {:.2} to {:.2}", above(from_m), below(to_m))),
+            Some([above(from_m), below(to_m)])
+                .filter(|[from_m, to_m]| from_m <= to_m)
+                .map(|[from_m, to_m]| format!("{name} = {from_m:.2} to {to_m:.2}")),
         );
     }
     let leaves = "from where the vehicle is, it leaves the soft border of the fence";
     match config.fence.polygon_m.is_empty() && starts.len() == 3 {
-        true => format!("{leaves}; it fits from {} m: first `goto` there", starts.join(", ")),
+        true => format!(
+            "{leaves}; it fits from {} m: `oqtal ctl goto` to such a point first",
+            starts.join(", ")
+        ),
         false => format!(
-            "{leaves}: relative to its start it goes from {} m; first `goto` where it has this room",
+            "{leaves}: relative to its start it goes from {} m: `oqtal ctl goto` to a point with this room first",
             extents.join(", ")
         ),
     }

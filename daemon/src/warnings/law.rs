@@ -80,6 +80,7 @@ fn of_other_laws(present: &Config, next: &Config) -> Option<String> {
     let keys = changed.iter().filter_map(|line| line.split('=').next());
     let unused = keys.filter(|key| others.iter().any(|other| key.starts_with(other)));
     let unused: Vec<_> = unused.collect();
-    (!unused.is_empty())
-        .then(|| format!("{}: no effect under the law that flies, {}", unused.join(", "), flown[0]))
+    (!unused.is_empty()).then(|| {
+        format!("{}: no effect, since control.controller is {}", unused.join(", "), flown[0])
+    })
 }

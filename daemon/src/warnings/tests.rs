@@ -88,7 +88,10 @@ fn a_change_of_a_law_that_does_not_fly_is_reported() {
         without_effect(&Config::from_settings(&[]).unwrap(), &config(gain)).collect::<Vec<_>>()
     };
     let text = of("control.lqr.attitude-weight=10").join("\n");
-    assert_eq!(text, "control.lqr.attitude-weight: no effect under the law that flies, oqtal-dt");
+    assert_eq!(
+        text,
+        "control.lqr.attitude-weight: no effect, since control.controller is oqtal-dt"
+    );
     assert!(of("control.oqtal-dt.attitude-weight=900").is_empty());
 }
 

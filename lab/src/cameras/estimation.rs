@@ -59,7 +59,8 @@ struct StampedPose {
 /// The vehicle is not commanded by rates (exit code 78), or the flight cannot be flown, or ends before the filters have settled.
 pub fn study(config: Config) -> Result<Vec<StampFigures>, Failure> {
     if config.vehicle.interface != Interface::Rate {
-        let reason = "vehicle.interface: the filter is compared for a vehicle commanded by body rates; set it to \"rate\"";
+        let reason =
+            "this study needs a vehicle commanded by body rates; set vehicle.interface = \"rate\"";
         return Err(Failure::new(Exit::Config, reason));
     }
     let mut config = config;

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Complex;
 
-/// Number of pieces of a segment between two frequencies at whose ends the distance from -1 is taken \[-\].
+/// Number of parts of a segment between two frequencies; the distance from -1 is evaluated at their ends \[-\].
 const PIECES: u32 = 32;
 
 /// Frequency response of a loop, broken at the input of the plant; positive for negative feedback.

@@ -162,11 +162,13 @@ pub fn warnings(components: &[TradedFigure]) -> Vec<String> {
 }
 
 /// Why gains with these `components` have too little margin to be applied in flight; `None` unless the disk margin in hover is below
-/// `least` \[-\] and below that of the gains before, or the loop is unstable.
+/// `least` \[-\] and below that of the gains before, the loop is unstable, or its margins are unknown.
 pub fn too_little_margin(components: &[TradedFigure], least: f64) -> Option<String> {
-    let disk = components.iter().find(|it| it.key == Margins::COLUMNS[DISK].0)?;
+    let Some(disk) = components.iter().find(|it| it.key == Margins::COLUMNS[DISK].0) else {
+        return (least > 0.0).then(|| "the margins in hover could not be measured".to_owned());
+    };
     let [before, after] = disk.values;
-    let suffices = after >= least || after >= before;
+    let suffices = after >= least || after >= before || before.is_nan() && !after.is_nan();
     (!suffices).then(|| {
         let [before, after] = [0, 1].map(|is_after| disk.shown(is_after));
         format!(
@@ -238,8 +240,10 @@ mod tests {
         };
         assert_eq!(Margins::COLUMNS[DISK].0, "disk_margin");
         assert!(refused(0.42, 0.13) && refused(0.42, f64::NAN) && refused(f64::INFINITY, 0.1));
-        assert!(!refused(0.42, 0.16) && !refused(0.12, 0.13) && !refused(f64::NAN, 0.2));
-        assert!(too_little_margin(&[component(None, 0.1)], 0.15).is_none());
+        assert!(!refused(0.42, 0.16) && !refused(0.12, 0.13) && !refused(f64::NAN, 0.1));
+        assert!(refused(f64::NAN, f64::NAN));
+        let unmeasured = |least| too_little_margin(&[component(None, 0.1)], least);
+        assert!(unmeasured(0.15).is_some() && unmeasured(0.0).is_none());
     }
 
     #[test]

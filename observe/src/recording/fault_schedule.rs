@@ -37,7 +37,8 @@ impl FaultSchedule {
             all.map(|(at_s, source, text)| (Span::from_seconds(at_s), source, text)).collect();
         pending.sort_by_key(|(at, ..)| std::cmp::Reverse(*at));
         // A bridge reports a vehicle as real, also an emulated one or a firmware executed as a program.
-        let acts_on_any = config.fault.with_real_vehicle || config.plant.is_behind_bridge();
+        let acts_on_any =
+            config.fault.with_real_vehicle || config.plant.is_simulated_behind_bridge();
         Self { pending, armed_at: None, acts_on_any }
     }
 

@@ -29,7 +29,7 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let unclosed = if config.clock.kind == ClockKind::Real { 1.0 } else { f64::NAN };
     let flight = recorder.finish(outcome.unwrap_or(open), speed_factor.unwrap_or(unclosed));
     let command_path = command_path.unwrap_or(flight.command_path);
-    // The landing of a flight that lasted too long is not an outcome of its own.
+    // The recorder reports a flight that was landed because it lasted too long as landed.
     let is_late = outcome == Some(Outcome::Timeout) && flight.outcome == Outcome::Landed;
     let outcome = if is_late { Outcome::Timeout } else { flight.outcome };
     Ok(Flight { command_path, outcome, daemon, ..flight })

@@ -37,7 +37,7 @@ impl<T: Transport> FaultyTransport<T> {
     pub fn new(bus: &Rc<T>, config: &Config) -> Result<Self, BusError> {
         let options = &config.fault;
         // A bridge reports a vehicle as real, also an emulated one or a firmware executed as a program.
-        let any_vehicle = options.with_real_vehicle || config.plant.is_behind_bridge();
+        let any_vehicle = options.with_real_vehicle || config.plant.is_simulated_behind_bridge();
         let faults = match options.inject.is_empty() {
             true => None,
             false => Some(Faults {
