@@ -288,7 +288,7 @@ impl ReplayReport {
     fn to_text(&self) -> String {
         let Self { daemons, turns, requests, ticks, identical, deadline_misses, .. } = self;
         let mut text = format!(
-            "daemon started {daemons} x: {turns} turns, {ticks} ticks, {requests} requests, {deadline_misses} deadlines missed since the daemon's start\n\
+            "daemon started {daemons} x: {turns} turns, {ticks} ticks of the recording, {requests} requests, {deadline_misses} deadlines missed since the daemon's start\n\
              {identical} of {ticks} ticks: command and telemetry identical to the last bit"
         );
         if self.open_loop {

@@ -204,6 +204,7 @@ impl BackgroundWorker for DaemonWorker {
         let Self { events, law, log, file, bus, .. } = self;
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
+        requests.lacks_law = law.as_ref().is_some_and(|law| !law.has_law());
         // Every peer is checked, so that none keeps an old message.
         let others =
             peers.iter_mut().filter_map(|peer| peer.has_other_config(*config_hash).then_some(()));

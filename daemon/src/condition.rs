@@ -2,6 +2,7 @@
 
 use oqtal_bus::code::{Cause, HandoverCause, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
+use oqtal_config::{ClockKind, Config};
 
 use crate::cycle::FirstFlight;
 use crate::setpoint::SetpointRefusal;
@@ -21,6 +22,8 @@ pub struct Condition {
     pub(crate) first_flight: FirstFlight,
     /// Why the fallback law flies.
     pub(crate) handover_cause: u8,
+    /// Whether the fallback law computed the last command, also in take-off and landing.
+    pub(crate) is_fallback: bool,
     pub(crate) followed: Followed,
     /// Why a reference was refused; `None` in the next tick. The same reason again, with another value, does not count as a change: a planner
     /// may send sixty invalid references a second.
@@ -45,7 +48,7 @@ impl Condition {
     /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up and the source of the references.
     pub fn of(telemetry: &TelemetryV1, first_flight: FirstFlight, followed: Followed) -> Self {
         let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
-        let handover_cause = telemetry.handover_cause;
+        let (handover_cause, is_fallback) = (telemetry.handover_cause, telemetry.fallback == 1);
         Self {
             mode,
             state,
@@ -55,6 +58,7 @@ impl Condition {
             unlogged: 0,
             first_flight,
             handover_cause,
+            is_fallback,
             followed,
             refusal: None,
         }
@@ -69,7 +73,7 @@ impl Condition {
     pub(crate) fn differs_from(&self, other: &Self) -> bool {
         let changing = |c: &Self| {
             let flight = (c.mode, c.state, c.cause, c.obstacles, c.followed);
-            (flight, c.first_flight, c.handover_cause)
+            (flight, c.first_flight, c.handover_cause, c.is_fallback)
         };
         let is_other_refusal = self
             .refusal
@@ -95,6 +99,42 @@ impl Condition {
     /// Why the fallback law flies.
     pub(crate) fn handover_reason(&self) -> HandoverCause {
         HandoverCause::from_code(self.handover_cause).unwrap_or_default()
+    }
+
+    /// The law of a daemon of `config` in the mode `mode`, as text: in flight the one that flies, with the reason if it is the fallback.
+    /// `lacks_law`: the law is external, and none is connected.
+    pub(crate) fn law(&self, config: &Config, mode: u8, lacks_law: bool) -> String {
+        let control = &config.control;
+        let configured = control.controller.name();
+        let fallback = control.of_fallback().unwrap_or(*control).built_in().name();
+        let is_in_flight = [Mode::Flying, Mode::Landing].map(Mode::code).contains(&mode);
+        if self.cause == Cause::Fallback.code() || self.is_fallback && is_in_flight {
+            let reason = self.fallback_reason(mode, lacks_law);
+            return format!("law {fallback} in place of {configured} ({reason})");
+        }
+        let absent = HandoverCause::Absent;
+        match (lacks_law, config.clock.kind) {
+            (false, _) => format!("law {configured}"),
+            (true, ClockKind::Real) => {
+                format!("law {configured} ({absent}; {fallback} flies until one is)")
+            }
+            // A flight in virtual time waits for the first law.
+            (true, _) => format!("law {configured} ({absent})"),
+        }
+    }
+
+    /// Why the fallback law flies, also where the configured law is not meant to fly.
+    fn fallback_reason(&self, mode: u8, lacks_law: bool) -> String {
+        let state = SafetyState::from_code(self.state);
+        let reaction = state.filter(|state| *state > SafetyState::Degraded);
+        match (self.handover_reason(), reaction) {
+            (reason, _) if self.cause == Cause::Fallback.code() => reason.to_string(),
+            _ if lacks_law => HandoverCause::Absent.to_string(),
+            _ if mode == Mode::Landing.code() => "landing".to_owned(),
+            (_, Some(state)) => state.to_string(),
+            (HandoverCause::None, None) => "take-off".to_owned(),
+            (reason, None) => reason.to_string(),
+        }
     }
 
     /// Text, state and cause; `None` for codes that this version does not know.

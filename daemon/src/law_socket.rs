@@ -200,6 +200,11 @@ impl LawListener {
         Ok(Self { listener, connections, present: None })
     }
 
+    /// Whether a law is connected, as of the last poll.
+    pub(crate) fn has_law(&self) -> bool {
+        self.present.is_some()
+    }
+
     /// Notices the end of the law, and accepts one that waits. While one is connected, others are refused.
     pub(crate) fn poll(&mut self) {
         if self.present.as_ref().is_some_and(|present| !is_connected(present)) {
@@ -273,7 +278,7 @@ mod tests {
         assert_eq!(told(ask(&mut law, 8, 60_000)), Some(HandoverCause::Ended));
         assert_eq!(told(ask(&mut law, 9, 60_000)), Some(HandoverCause::Absent));
         listener.poll();
-        assert!(listener.present.is_none(), "its end was noticed");
+        assert!(!listener.has_law(), "its end was noticed");
         let _third = connect(&path).unwrap();
         listener.poll();
         assert_eq!(law.connections.len(), 1);

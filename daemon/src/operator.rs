@@ -12,7 +12,6 @@ use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_control::controller::ControlOptions;
 use oqtal_runtime::handoff::{BackgroundHandle, handoff};
 
 use crate::condition::{Condition, Followed};
@@ -34,6 +33,8 @@ pub struct OperatorRequests {
     count: RequestNumber,
     /// The last known condition of the loop.
     pub(crate) last: Condition,
+    /// Whether the law is external, and none is connected.
+    pub(crate) lacks_law: bool,
     config_hash: u64,
     /// `None` without a daemon's background thread.
     pub(crate) settings: Option<LiveSettings>,
@@ -64,6 +65,7 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
             configs_differ: differ,
             count: 0,
             last,
+            lacks_law: false,
             config_hash: 0,
             settings: None,
             events: 0,
@@ -168,7 +170,7 @@ impl OperatorRequests {
         let Some(config) = self.settings.as_ref().map(LiveSettings::present) else {
             return String::new();
         };
-        let law = self.law(&config.control);
+        let law = self.last.law(config, mode, self.lacks_law);
         if config.safety.observe_only {
             return law;
         }
@@ -187,18 +189,8 @@ impl OperatorRequests {
         }
     }
 
-    /// The law that flies: the configured one, or the fallback in place of it, with the reason.
-    fn law(&self, control: &ControlOptions) -> String {
-        let configured = control.controller.name();
-        if self.last.cause != Cause::Fallback.code() {
-            return format!("law {configured}");
-        }
-        let fallback = control.of_fallback().unwrap_or(*control).built_in().name();
-        format!("law {fallback} in place of {configured} ({})", self.last.handover_reason())
-    }
-
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were
-    /// changed since the start.
+    /// changed since the start. The answer also says that no external law is connected.
     fn begin(
         &mut self,
         command: OperatorCommand,
@@ -222,7 +214,10 @@ impl OperatorRequests {
         (self.course, self.flight_until) = (None, request.valid_until);
         let response = ControlResponseV1 { text: changed, ..response };
         publish_answered(request, event, &response, publish);
-        response
+        let settings = self.settings.as_ref().filter(|_| self.lacks_law);
+        let Some(config) = settings.map(LiveSettings::present) else { return response };
+        let law = self.last.law(config, Mode::Disarmed.code(), true);
+        ControlResponseV1 { text: first_lines(&[vec![law], self.changed()].concat()), ..response }
     }
 
     fn changed(&self) -> Vec<String> {

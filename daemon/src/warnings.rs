@@ -1,7 +1,9 @@
 //! Warnings before a flight: settings that the flight cannot satisfy. The flight takes place nevertheless.
 
 mod disturbances;
+mod hover;
 mod law;
+mod model_flight;
 mod path;
 mod simulated;
 mod steps;
@@ -36,7 +38,9 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let samples = samples(&plan);
     let mut all = warnings_along(&plan, &samples, config, trajectory);
     if !config.safety.observe_only {
-        all.extend(steps::too_far(&plan, &samples, config));
+        // Remedies for a step are of no use to a law that oscillates.
+        let flown = hover::oscillates(config);
+        all.extend(flown.or_else(|| steps::too_far(&plan, &samples, config)));
     }
     all
 }

@@ -191,6 +191,20 @@ fn a_flight_that_has_the_motion_and_does_not_fit_the_model_lacks_no_motion() {
     );
 }
 
+/// The loop of rotors with a short lag: its delay is not determined, although the flight is the complete excitation.
+#[test]
+fn a_delay_that_is_not_determined_leaves_no_lag_of_its_own_and_no_lack_of_motion() {
+    let rotors = ["vehicle.preset=crazyflie-2.1", "plant.fidelity=rotors", "plant.mass-kg=0.036"];
+    let settings = rotors.map(|text| Setting::parse("test", text).unwrap());
+    let config = Config::from_settings(&settings).unwrap();
+    let found = identified(&excitation_flight::fly(&config).unwrap().flight);
+    let lacking: Vec<_> = found.findings.iter().filter(|it| it.missing.is_some()).collect();
+    assert!(lacking.is_empty(), "{lacking:?}");
+    let written =
+        ["vehicle.command-delay-ms", "vehicle.rate-lag-ms"].map(|key| found.values(key).is_some());
+    assert_eq!(written[0], written[1], "{:?}", found.findings);
+}
+
 #[test]
 fn findings_are_a_layer_of_the_configuration() {
     let settings = [("plant.rate-lag-ms", 60.0), ("plant.hidden-delay-ms", 9.0)]

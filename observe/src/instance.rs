@@ -330,8 +330,15 @@ mod tests {
         receive(&mut model, Role::Mocap, runs_with(7));
         let status = model.status(Time::VIRTUAL_START);
         assert_eq!(status.config_agrees(), Some(false));
-        assert!(status.lines().last().unwrap().contains("configurations differ"));
+        let told = status.lines().pop().unwrap();
+        assert!(told.contains("configurations differ") && !told.contains("--link"), "{told}");
         assert!(model.configs_differ());
+        receive(&mut model, Role::Bridge, runs_with(5));
+        let told = model.status(Time::VIRTUAL_START).lines().pop().unwrap();
+        assert!(
+            told.contains("with one --config, bridge and receiver with their --link"),
+            "{told}"
+        );
     }
 
     #[test]

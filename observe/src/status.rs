@@ -87,8 +87,13 @@ impl InstanceStatus {
             lines.push(format!("{:<10} raised by an operator, {reason}", "stop"));
         }
         if self.config_agrees() == Some(false) {
+            // The link may have been given by a flag, which the file of the daemon lacks.
+            let link = match self.has(&[Role::Bridge, Role::Receiver]) {
+                true => ", bridge and receiver with their --link or --set as before",
+                false => "",
+            };
             lines.push(format!(
-                "configurations differ: restart the processes with one --config; that of the daemon is {}",
+                "configurations differ: restart the processes with one --config{link}; that of the daemon is {}",
                 self.daemon_config.display()
             ));
         }

@@ -10,7 +10,7 @@ use oqtal_observe::config_file;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
-use crate::request::{as_owner, config_of, edited_names, edited_note, start_daemon, start_without};
+use crate::request::{as_owner, config_of, edited_note, start_daemon, start_without};
 use crate::running::RunningProcesses;
 
 /// The next flight of each instance that a stop has reached.
@@ -141,7 +141,7 @@ impl NextFlight {
         };
         let edited = match &start {
             _ if !is_arming => None,
-            Some(_) => edited_names(&paths).map(|files| start_without(&files)),
+            Some(_) => start_without(&paths),
             None => edited_note(&paths),
         };
         Self {

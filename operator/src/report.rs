@@ -20,7 +20,8 @@ pub struct ControlReport {
     mode: String,
     state: String,
     cause: String,
-    /// The settings that took effect, the requested value, or the reason of a refusal.
+    /// The settings that took effect, the requested value, or the reason of a refusal; of `arm` also that no external law is
+    /// connected.
     #[serde(skip_serializing_if = "String::is_empty")]
     text: String,
     /// Message of a refusal; empty without one.

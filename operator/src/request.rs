@@ -159,13 +159,6 @@ pub(crate) fn as_owner(paths: &InstancePaths) -> String {
     paths.user_to_become().map_or_else(String::new, |user| format!("sudo -u '#{user}' "))
 }
 
-/// Names of the files that were edited or removed after the start of the last daemon at `paths`; `None` if there are none, or if this user
-/// cannot read them.
-pub(crate) fn edited_names(paths: &InstancePaths) -> Option<String> {
-    let files = config_file::edited_files(&paths.config(), false);
-    (!files.is_empty()).then(|| listed(&files))
-}
-
 /// Note for the answers of the daemon at `paths`: files of its configuration that were removed, or with edits that it does not use; `None`
 /// if there are none.
 pub fn edited_note(paths: &InstancePaths) -> Option<String> {
@@ -192,11 +185,27 @@ pub fn edited_note(paths: &InstancePaths) -> Option<String> {
     (!notes.is_empty()).then(|| notes.join("; "))
 }
 
-/// States that a daemon started with the copy lacks the edits of `files`.
-pub(crate) fn start_without(files: &str) -> String {
-    format!(
-        "that uses the settings with which the last daemon was started, without later edits of {files}; to fly with the edits, give the files themselves by --config"
-    )
+/// Note on a daemon started with the copy at `paths`: what it lacks; `None` if no file was edited or removed after the start of the
+/// last one, or if this user cannot read the copy.
+pub(crate) fn start_without(paths: &InstancePaths) -> Option<String> {
+    let files = config_file::edited_files(&paths.config(), false);
+    let (files, removed): (Vec<_>, Vec<_>) = files.into_iter().partition(|file| file.exists());
+    let (edits, remedy) = match &files[..] {
+        [] if removed.is_empty() => return None,
+        [] => (String::new(), ""),
+        files => (
+            format!("without later edits of {} and ", listed(files)),
+            "; to fly with the edits, give the files themselves by --config",
+        ),
+    };
+    let removed = match &removed[..] {
+        [] => String::new(),
+        [file] => format!("; {} was removed", file.display()),
+        removed => format!("; {} were removed", listed(removed)),
+    };
+    Some(format!(
+        "that uses the settings with which the last daemon was started, {edits}without changes by `oqtal ctl set`{remedy}{removed}"
+    ))
 }
 
 /// Remedy of a missing daemon at `paths`, where the processes `seen` run.
@@ -216,7 +225,7 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
         }
         _ => "",
     };
-    let edited = edited_names(paths).map(|files| format!("; {}", start_without(&files)));
+    let edited = start_without(paths).map(|note| format!("; {note}"));
     format!("start one with `{}`{like}{}", start_daemon(paths), edited.unwrap_or_default())
 }
 
@@ -316,6 +325,24 @@ mod tests {
         std::fs::write(paths.config(), format!("# of the flight {command}\n")).unwrap();
         let remedy = daemon_remedy(&paths, &RunningProcesses::default());
         assert!(remedy.ends_with("to fly again: `oqtal fly --seed 7`"), "{remedy}");
+    }
+
+    #[test]
+    fn a_removed_file_is_not_said_to_be_edited() {
+        let root = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("a", Some(root.path())).unwrap();
+        std::fs::create_dir_all(paths.directory()).unwrap();
+        let file = root.path().join("x.toml");
+        // No file has settings with this hash.
+        std::fs::write(paths.config(), format!("# read from 0 {}\n", file.display())).unwrap();
+        std::fs::write(&file, "").unwrap();
+        let edited = start_without(&paths).unwrap();
+        assert!(edited.contains("later edits of") && !edited.contains("removed"), "{edited}");
+        std::fs::remove_file(&file).unwrap();
+        let told = start_without(&paths).unwrap();
+        let end =
+            format!("started, without changes by `oqtal ctl set`; {} was removed", file.display());
+        assert!(told.ends_with(&end), "{told}");
     }
 
     #[test]

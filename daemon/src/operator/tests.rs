@@ -209,6 +209,36 @@ fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
 }
 
 #[test]
+fn f70_that_no_external_law_is_connected_is_told_before_the_flight_and_what_flies_during_it() {
+    let (mut handle, requests) = loop_handoff();
+    let settings = Setting::parse("test", "control.controller=external").unwrap();
+    let config = Config::from_settings(&[settings]).unwrap();
+    let mut requests = requests.with_settings(7, LiveSettings::new(&config, &[]));
+    let told = |requests: &mut OperatorRequests| {
+        let text = requests.ask(asks(OperatorCommand::Get), &mut |_| {}).text;
+        text.as_str().split(", ").next().unwrap().to_owned()
+    };
+    (requests.lacks_law, requests.last.is_fallback) = (true, true);
+    let awaited = "law external (no law is connected; geometric flies until one is)";
+    assert_eq!(told(&mut requests), awaited);
+    let mut events = Vec::new();
+    let armed = requests.ask(asks(OperatorCommand::Arm), &mut |event| events.push(event));
+    handle.poll_request(|_| answers(Answer::Done));
+    assert_eq!(armed.text.as_str(), awaited);
+    assert!(events[0].text.is_empty(), "only settings are recorded");
+    requests.last.mode = Mode::Flying.code();
+    assert_eq!(told(&mut requests), "law geometric in place of external (no law is connected)");
+    requests.lacks_law = false;
+    assert_eq!(told(&mut requests), "law geometric in place of external (take-off)");
+    requests.last.state = SafetyState::Hold.code();
+    assert_eq!(told(&mut requests), "law geometric in place of external (Hold)");
+    (requests.last.is_fallback, requests.last.state) = (false, SafetyState::Nominal.code());
+    assert_eq!(told(&mut requests), "law external");
+    (requests.last.is_fallback, requests.last.mode) = (true, Mode::Landing.code());
+    assert_eq!(told(&mut requests), "law geometric in place of external (landing)");
+}
+
+#[test]
 fn a_request_that_ends_flights_calls_off_those_requested_before_it() {
     for ending in [OperatorCommand::Stop, OperatorCommand::Land, OperatorCommand::Disarm] {
         let (mut handle, requests) = loop_handoff();

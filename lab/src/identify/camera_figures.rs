@@ -22,6 +22,8 @@ pub struct PoseLatency {
 /// Noise of the cameras, from poses on the floor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RestFigures {
+    /// Number of poses \[-\].
+    pub poses: usize,
     /// Standard deviation of the position along each axis \[mm\].
     pub position_mm: f64,
     /// Standard deviation of the attitude about each axis \[deg\].
@@ -39,6 +41,7 @@ impl RestFigures {
             angles.extend(scatter(&data.rest, |pose| first.rotation_to(&pose.attitude)));
         }
         (!positions.is_empty()).then(|| Self {
+            poses: positions.len() / 3,
             position_mm: deviation(&positions) * 1e3,
             attitude_deg: deviation(&angles).to_degrees(),
         })

@@ -73,6 +73,15 @@ impl ParameterFinding {
         self
     }
 
+    /// The delay of commands and the rate `lag`, undetermined if one of them is, or if the interval of the lag exceeds its value. One
+    /// replaces the other in a fit: one alone, beside a configured value of the other, would have a wrong sum.
+    pub fn together(mut self, mut lag: Self) -> [Self; 2] {
+        if !self.is_shown() || !lag.is_shown() || lag.half_width > lag.value {
+            (self.missing, lag.missing) = (Some(rules::DELAY.motion), Some(rules::RATE_LAG.motion));
+        }
+        [self, lag]
+    }
+
     /// Reason why the value is not determined; `None` if it is.
     pub fn reason(&self) -> Option<String> {
         let lacking = self.missing.map(|motion| format!("missing: {motion}"));
@@ -193,5 +202,23 @@ pub mod rules {
             widest: 0.0,
             motion,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn delay_and_rate_lag_are_determined_together_or_not_at_all() {
+        let shown = |delay_sd: f64, lag: f64, lag_sd: f64| {
+            let lag = rules::RATE_LAG.found(lag, lag_sd / INTERVAL, Some(10.0));
+            let delay = rules::DELAY.found(22.0, delay_sd / INTERVAL, Some(12.0));
+            delay.together(lag).map(|finding| finding.is_shown())
+        };
+        assert_eq!(shown(1.0, 40.0, 1.0), [true; 2]);
+        assert_eq!(shown(111.0, 40.0, 1.0), [false; 2], "delay too wide");
+        assert_eq!(shown(1.0, 40.0, 9.0), [false; 2], "lag too wide");
+        assert_eq!(shown(1.0, 1.8, 4.6), [false; 2], "the interval of the lag includes 0");
     }
 }

@@ -128,11 +128,13 @@ fn rotation(
 ) -> Vec<ParameterFinding> {
     let fit = &estimate.turning.fit;
     let (delay_ms, sd_ms) = of(fit, 0, 1e3);
-    let mut findings = vec![rules::DELAY.found(delay_ms, sd_ms, Some(configured.command_delay_ms))];
+    let delay = rules::DELAY.found(delay_ms, sd_ms, Some(configured.command_delay_ms));
     let hidden = stamped_s.map(|stamped_s| delay_ms - stamped_s * 1e3);
-    findings.extend(hidden.map(|hidden_ms| rules::HIDDEN_DELAY.found(hidden_ms, sd_ms, None)));
+    let hidden = hidden.map(|hidden_ms| rules::HIDDEN_DELAY.found(hidden_ms, sd_ms, None));
     let (lag_ms, sd_ms) = of(fit, 1, 1e3);
-    findings.push(rules::RATE_LAG.found(lag_ms, sd_ms, Some(configured.rate_lag_ms)));
+    let lag = rules::RATE_LAG.found(lag_ms, sd_ms, Some(configured.rate_lag_ms));
+    let [delay, lag] = delay.together(lag);
+    let mut findings: Vec<_> = [Some(delay), hidden, Some(lag)].into_iter().flatten().collect();
     for (axis, rule) in rules::AUTHORITY.iter().enumerate() {
         let (rate, sd) = of(fit, 2 + axis, 1.0);
         findings.push(rule.found(rate, sd, Some(configured.rate_authority_rad_s[axis])));

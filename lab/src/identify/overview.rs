@@ -148,9 +148,9 @@ fn cameras(identification: &Identification) -> String {
     };
     let at_rest = match &identification.at_rest {
         Some(rest) => {
-            let (mm, deg) = (rest.position_mm, rest.attitude_deg);
+            let (mm, deg, poses) = (rest.position_mm, rest.attitude_deg, rest.poses);
             format!(
-                "at rest {mm:.3} mm and {deg:.3} deg, {}",
+                "at rest {mm:.2} mm and {deg:.2} deg over {poses} poses, {}",
                 latency(&identification.latency_at_rest)
             )
         }

@@ -1,0 +1,47 @@
+//! Warning of a law that does not hold its hover: on the model of `[vehicle]` it does not return to it after a small displacement.
+
+use nalgebra::Vector3;
+use oqtal_config::Config;
+use oqtal_control::trajectory::{Phase, Reference};
+
+use super::model_flight::ModelFlight;
+
+/// Displacement at the beginning, and a distance that no law in a stable loop reaches at the end \[m\].
+const DISPLACEMENT_M: f64 = 0.1;
+const ASTRAY_M: f64 = 0.2;
+/// Duration of the hover, and of its last part, in which the distance counts \[s\].
+const HOVER_S: f64 = 15.0;
+const LAST_S: f64 = 3.0;
+
+/// Warning that the vehicle oscillates in a hover under the configured law.
+pub(super) fn oscillates(config: &Config) -> Option<String> {
+    let hover = Reference::rest(Vector3::z(), Phase::Trajectory);
+    let beside = hover.position + Vector3::x() * DISPLACEMENT_M;
+    let start = Reference { position: beside, ..hover };
+    let mut flight = ModelFlight::at(&start, 0.0, config)?;
+    let period_s = 1.0 / config.loop_rate_hz();
+    let ticks = (HOVER_S / period_s) as u64;
+    let mut distance_m = 0.0_f64;
+    for tick in 1..=ticks {
+        let now_s = tick as f64 * period_s;
+        match flight.tick(tick, (now_s, period_s), &hover) {
+            Some(motion) if now_s > HOVER_S - LAST_S => {
+                distance_m = distance_m.max((motion.position - hover.position).norm());
+            }
+            Some(_) => {}
+            // The law does not fly the model.
+            None if tick == 1 => return None,
+            None => distance_m = f64::INFINITY,
+        }
+    }
+    let law = config.control.built_in().name();
+    (distance_m > ASTRAY_M).then(|| {
+        let distance = match distance_m < 10.0 {
+            true => format!("{distance_m:.1} m"),
+            false => "more than 10 m".to_owned(),
+        };
+        format!(
+            "{law} oscillates with this vehicle: in a hover of its model that begins {DISPLACEMENT_M} m aside, it is {distance} away after {HOVER_S} s; find other gains with `oqtal tune {law}`, or fly oqtal-dt"
+        )
+    })
+}
