@@ -72,12 +72,12 @@ fn a_stop_and_a_landing_wait_for_no_other_request() {
     let path = testbed.path("program.sock");
     let program = UnixDatagram::bind(&path).unwrap();
     program.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-    let ask = |request: &str| {
+    let ask = |request| {
         let text = format!("{{\"version\": 1, \"request\": \"{request}\", \"arguments\": []}}");
         program.send_to(text.as_bytes(), testbed.paths().directory().join("gateway.sock")).unwrap();
     };
     daemon.signal(Signal::STOP);
-    (0..3).for_each(|_| ask("status"));
+    ["status", "hover", "hover"].into_iter().for_each(ask);
     ask("land");
     ask("stop");
     let reply = || {

@@ -275,19 +275,16 @@ impl Config {
 
     /// Warning that the loop cannot run at the requested rate, because it is not a whole number of poses; `None` if it can.
     pub fn rate_warning(&self) -> Option<String> {
-        let rate = self.loop_rate_hz();
-        ((rate / self.control.rate_hz - 1.0).abs() > RATE_TOLERANCE).then(|| {
+        let (rate, wanted) = (self.loop_rate_hz(), self.control.rate_hz);
+        ((rate / wanted - 1.0).abs() > RATE_TOLERANCE).then(|| {
+            let (pace, rate) = (self.pace(), (rate * 1e3).round() * 1e-3);
             format!(
-                "{}, while the laws are designed for {} Hz; set control.rate-hz = {}",
-                self.pace(),
-                self.control.rate_hz,
-                (rate * 1e3).round() * 1e-3
+                "{pace}, while the laws are designed for {wanted} Hz; set control.rate-hz = {rate}"
             )
         })
     }
 
-    /// Warning that emulated cameras send poses at another rate than the loop expects; `None` if the rates agree, for real cameras, and
-    /// for a camera computer that sends only some of its frames.
+    /// Warning that emulated cameras, which send every frame, send poses at another rate than the loop expects; `None` otherwise.
     pub fn pose_rate_warning(&self) -> Option<String> {
         let (sent, expected) = (self.mocap.rate_hz, self.safety.pose_rate_hz);
         let is_emulated = self.receiver.link.is_empty()

@@ -309,6 +309,6 @@ mod tests {
         let status = InstanceStatus::default();
         let report = ControlReport::new(OperatorCommand::Arm, &response, status, &paths);
         let message = report.check(&response, None).unwrap_err().message;
-        assert!(message.contains("a flight was begun already"), "{message}");
+        assert!(message.contains("a flight has already begun"), "{message}");
     }
 }

@@ -204,7 +204,7 @@ pub(crate) fn start_without(paths: &InstancePaths) -> Option<String> {
         removed => format!("; {} were removed", listed(removed)),
     };
     Some(format!(
-        "that uses the settings with which the last daemon was started, {edits}without changes by `oqtal ctl set`{remedy}{removed}"
+        "that uses the settings with which the last daemon was started, {edits}without changes made while it ran{remedy}{removed}"
     ))
 }
 
@@ -341,7 +341,7 @@ mod tests {
         std::fs::remove_file(&file).unwrap();
         let told = start_without(&paths).unwrap();
         let end =
-            format!("started, without changes by `oqtal ctl set`; {} was removed", file.display());
+            format!("started, without changes made while it ran; {} was removed", file.display());
         assert!(told.ends_with(&end), "{told}");
     }
 

@@ -65,12 +65,11 @@ pub(crate) fn fitting_starts(config: &Config, trajectory: &Trajectory) -> String
     }
     let leaves = "from where the vehicle is, it leaves the soft border of the fence";
     match config.fence.polygon_m.is_empty() && starts.len() == 3 {
-        true => format!(
-            "{leaves}; it fits from {} m: `oqtal ctl goto` to such a point first",
-            starts.join(", ")
-        ),
+        true => {
+            format!("{leaves}; it fits from {} m: `goto` such a point first", starts.join(", "))
+        }
         false => format!(
-            "{leaves}: relative to its start it goes from {} m: `oqtal ctl goto` to a point with this room first",
+            "{leaves}: relative to its start it goes from {} m: `goto` a point with this room first",
             extents.join(", ")
         ),
     }
