@@ -9,6 +9,29 @@ fn course() -> (Config, FlightCourse) {
     (config, course)
 }
 
+/// A course one second into its trajectory: that instant, and the position of the reference.
+fn flying() -> (FlightCourse, Time, Vector3<f64>) {
+    let (config, mut course) = course();
+    let start = Time::VIRTUAL_START;
+    course.begin_flight(start, &Estimate::default());
+    let now = start + Span::from_seconds(config.trajectory.start_s() + 1.0);
+    course.update_setpoint(now);
+    let position = course.setpoint().reference.unwrap().position;
+    (course, now, position)
+}
+
+/// A planner's reference at `position`, which moves along x at `velocity` \[m/s\].
+fn message(now: Time, position: Vector3<f64>, velocity: f64) -> ReferenceV1 {
+    ReferenceV1 {
+        time: now,
+        valid_until: now + Span::from_millis(100),
+        kind: ReferenceKind::Position.code(),
+        position: position.into(),
+        velocity: [velocity, 0.0, 0.0],
+        ..ReferenceV1::default()
+    }
+}
+
 #[test]
 fn f41_a_vehicle_has_landed_once_it_rests_for_half_a_second_without_a_break() {
     let (config, mut course) = course();
@@ -51,49 +74,24 @@ fn f47_a_landing_that_begins_in_the_tick_of_a_hold_is_flown() {
 /// A hold interrupts a planner, and does not end its stream as an operator does.
 #[test]
 fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
-    let (config, mut course) = course();
-    let mut now = Time::VIRTUAL_START;
-    course.begin_flight(now, &Estimate::default());
-    now = now + Span::from_seconds(config.trajectory.start_s() + 1.0);
-    course.update_setpoint(now);
-    let position = course.setpoint().reference.unwrap().position;
-    let message = |now: Time| ReferenceV1 {
-        time: now,
-        valid_until: now + Span::from_millis(100),
-        kind: ReferenceKind::Position.code(),
-        position: position.into(),
-        ..ReferenceV1::default()
-    };
-    course.receive_reference(now, (7, &message(now)), true);
+    let (mut course, now, position) = flying();
+    course.receive_reference(now, (7, &message(now, position, 0.0)), true);
     assert_eq!(course.followed(now), Followed::Planner);
     course.follow(now, SafetyState::Hold, position, false);
     assert_eq!(course.followed(now), Followed::Ended);
     let later = now + Span::from_millis(100);
     course.update_setpoint(later);
     course.follow(later, SafetyState::Nominal, position, false);
-    course.receive_reference(later, (7, &message(later)), true);
+    course.receive_reference(later, (7, &message(later, position, 0.0)), true);
     assert_eq!(course.followed(later), Followed::Planner);
 }
 
 /// While a reference is refused, the one before is followed, also at the effect of a command.
 #[test]
 fn f35_a_refused_reference_leaves_that_of_the_effect_of_a_command_on_its_way() {
-    let (config, mut course) = course();
-    let mut now = Time::VIRTUAL_START;
-    course.begin_flight(now, &Estimate::default());
-    now = now + Span::from_seconds(config.trajectory.start_s() + 1.0);
-    course.update_setpoint(now);
-    let position = course.setpoint().reference.unwrap().position;
-    let message = |velocity: f64| ReferenceV1 {
-        time: now,
-        valid_until: now + Span::from_millis(100),
-        kind: ReferenceKind::Position.code(),
-        position: position.into(),
-        velocity: [velocity, 0.0, 0.0],
-        ..ReferenceV1::default()
-    };
-    course.receive_reference(now, (7, &message(0.5)), true);
-    course.receive_reference(now, (7, &message(9.0)), true);
+    let (mut course, now, position) = flying();
+    course.receive_reference(now, (7, &message(now, position, 0.5)), true);
+    course.receive_reference(now, (7, &message(now, position, 9.0)), true);
     course.update_setpoint(now);
     assert!(course.setpoint().refusal.is_some());
     let ahead = course.reference_at(now + Span::from_millis(40), 0.1).unwrap();
