@@ -110,8 +110,6 @@ pub struct PreparedChange {
     pub change: FlightChange,
     /// Text of the request, for the recording: what a replay prepares the same change from.
     pub text: LongText,
-    /// Place that a trajectory needs, for its refusal by the fence; empty for other changes.
-    pub(crate) needs: String,
     /// The settings after the change, and whether they are those before the last one.
     settings: Option<(ReadSettings, bool)>,
 }
@@ -204,7 +202,7 @@ impl LiveSettings {
         request: &ControlRequestV1,
     ) -> Result<PreparedChange, Refusal> {
         let text = request.text;
-        let course = |change| PreparedChange { change, text, needs: String::new(), settings: None };
+        let course = |change| PreparedChange { change, text, settings: None };
         match command {
             OperatorCommand::Goto => {
                 let target = Vector3::from(request.point).push(request.yaw);
@@ -213,9 +211,8 @@ impl LiveSettings {
             }
             OperatorCommand::Hover => Ok(course(FlightChange::Hover)),
             OperatorCommand::Trajectory => {
-                let (trajectory, needs) = self.trajectory(text.as_str())?;
-                let change = FlightChange::Trajectory(Box::new(trajectory));
-                Ok(PreparedChange { needs, ..course(change) })
+                let trajectory = self.trajectory(text.as_str())?;
+                Ok(course(FlightChange::Trajectory(Box::new(trajectory))))
             }
             OperatorCommand::Undo => {
                 let none = || Refusal::of_setting("no change of settings to take back");
@@ -291,7 +288,7 @@ impl LiveSettings {
         )?;
         let change = FlightChange::Settings(Box::new(live));
         let settings = Some((next, is_undo));
-        Ok(PreparedChange { change, text, needs: String::new(), settings })
+        Ok(PreparedChange { change, text, settings })
     }
 
     /// Changes the settings `KEY=VALUE` in the lines of `text`.
@@ -362,14 +359,24 @@ impl LiveSettings {
         Ok(ReadSettings { config, waypoints, reread: self.present.reread.clone() })
     }
 
-    /// The trajectory with the name `kind` and the present options, and the place that it needs.
-    fn trajectory(&self, kind: &str) -> Result<(Trajectory, String), Refusal> {
+    /// The present settings with the trajectory of the name `kind`.
+    fn with_trajectory(&self, kind: &str) -> Result<ReadSettings, Refusal> {
         let kind = Setting::flag("fly", "trajectory.kind", kind);
-        let settings = self.read(self.present().with_live(&[kind])?, false)?;
+        self.read(self.present().with_live(&[kind])?, false)
+    }
+
+    /// The trajectory with the name `kind` and the present options.
+    fn trajectory(&self, kind: &str) -> Result<Trajectory, Refusal> {
+        let settings = self.with_trajectory(kind)?;
         let trajectory = settings.trajectory()?;
         require_flyable_in_flight(&settings.config, &trajectory)?;
-        let needs = fitting_starts(&settings.config, &trajectory);
-        Ok((trajectory, needs))
+        Ok(trajectory)
+    }
+
+    /// Place that the trajectory with the name `kind` needs, for its refusal by the fence; `None` if it cannot be read any more.
+    pub(crate) fn place_for(&self, kind: &str) -> Option<String> {
+        let settings = self.with_trajectory(kind).ok()?;
+        Some(fitting_starts(&settings.config, &settings.trajectory().ok()?))
     }
 }
 

@@ -292,7 +292,12 @@ impl OperatorRequests {
         let change = LoopRequest::Change { command, event: event.number, change: prepared.change };
         let until = if is_of_settings { Time::UNSET } else { validity.until };
         let response = self.pass_on(change, Validity { until, ..validity });
-        let response = with_place(response, &prepared.needs);
+        let response = match command {
+            OperatorCommand::Trajectory => {
+                with_place(response, || self.settings.as_ref()?.place_for(event.text.as_str()))
+            }
+            _ => response,
+        };
         if response.answer != Answer::Refused.code() {
             self.course = match command {
                 OperatorCommand::Trajectory => Some(format!("trajectory {}", event.text.as_str())),

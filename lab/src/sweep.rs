@@ -253,26 +253,23 @@ impl SweepArgs {
 
     /// The keys whose values make no difference to some laws, one line each.
     fn idle_keys(&self, rows: &[SweepRow]) -> Vec<String> {
-        let idle_key = |(k, axis): (usize, &Axis)| {
-            let (mut first, mut affected) = (BTreeMap::new(), BTreeSet::new());
-            for SweepRow { values, flown } in rows {
-                let mut others: Vec<String> = values.iter().map(shown).collect();
+        let figures = rows.iter().map(|row| row.flown.mean_of_landed().map(csv_text::number));
+        let figures: Vec<_> = figures.collect();
+        let is_idle = |k: usize, law: &str| {
+            let mut first = BTreeMap::new();
+            let mut of_law = rows.iter().zip(&figures).filter(|(row, _)| row.flown.law.name == law);
+            of_law.all(|(row, figures)| {
+                let mut others: Vec<String> = row.values.iter().map(shown).collect();
                 others.remove(k);
-                let figures = flown.mean_of_landed();
                 // Without a landing there is nothing to compare.
-                if figures.iter().all(|figure| figure.is_nan()) {
-                    affected.insert(&flown.law.name);
-                }
-                let figures = figures.map(csv_text::number);
-                if *first.entry((&flown.law.name, others)).or_insert_with(|| figures.clone())
-                    != figures
-                {
-                    affected.insert(&flown.law.name);
-                }
-            }
-            let idle: Vec<_> = self.laws.iter().filter(|law| !affected.contains(law)).collect();
-            let names = idle.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(", ");
-            (!idle.is_empty()).then(|| format!("{} makes no difference to {names}", axis.key))
+                let has_landed = figures.iter().any(|figure| !figure.is_empty());
+                has_landed && *first.entry(others).or_insert(figures) == figures
+            })
+        };
+        let idle_key = |(k, axis): (usize, &Axis)| {
+            let laws = self.laws.iter().map(String::as_str).filter(|law| is_idle(k, law));
+            let names = laws.collect::<Vec<_>>().join(", ");
+            (!names.is_empty()).then(|| format!("{} makes no difference to {names}", axis.key))
         };
         let axes = self.axes.iter().enumerate();
         axes.filter(|(_, axis)| axis.values.len() > 1).filter_map(idle_key).collect()

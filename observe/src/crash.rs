@@ -17,8 +17,8 @@ const HARD_M_S: f64 = 1.5;
 const AT_FLOOR_M: f64 = 0.05;
 /// Height above the floor below which a vehicle in flight is on it, or has just left it again \[m\]: more than it rises within a tick.
 const TOUCHED_M: f64 = 0.01;
-/// Speed below which a vehicle at the height of arming rests on something there, as on a table \[m/s\].
-const RESTS_M_S: f64 = 0.1;
+/// Speed below which a vehicle is at rest \[m/s\].
+pub(crate) const AT_REST_M_S: f64 = 0.1;
 /// Distance beyond the fence at which the vehicle is lost \[m\].
 const LOST_M: f64 = 12.0;
 
@@ -80,7 +80,7 @@ impl Crash {
         }
         let rests = |sample: &FlightSample| {
             let height_m = sample.position().z - floor_m;
-            (-AT_FLOOR_M..=TOUCHED_M).contains(&height_m) && sample.velocity().norm() < RESTS_M_S
+            (-AT_FLOOR_M..=TOUCHED_M).contains(&height_m) && sample.velocity().norm() < AT_REST_M_S
         };
         let is_down = position.z <= floor_m.min(0.0) + TOUCHED_M
             || rests(sample) && before.is_some_and(rests);

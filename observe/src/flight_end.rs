@@ -5,12 +5,10 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::FenceOptions;
 use oqtal_control::trajectory::Phase;
 
-use crate::crash::Crash;
+use crate::crash::{AT_REST_M_S, Crash};
 use crate::flight::{MISSED_ARMING_S, Outcome};
 use crate::flight_sample::FlightSample;
 
-/// Speed below which a vehicle is at rest \[m/s\].
-const AT_REST_M_S: f64 = 0.1;
 /// Time at rest after which the flight has ended.
 const REST: Span = Span::from_millis(500);
 

@@ -77,9 +77,8 @@ impl BusFlight<'_> {
     /// beside a vehicle and cameras at links: its truth would be recorded as theirs.
     fn refuse_running_processes(&self, bus: &Bus) -> Result<(), Failure> {
         let InstancePaths { instance, .. } = bus.paths();
-        let mut roles = self.paths.roles(&self.mission.config);
-        roles.push(Role::Plant);
-        for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
+        let roles = self.paths.roles(&self.mission.config).into_iter();
+        for role in roles.filter(|role| *role != Role::Recorder).chain([Role::Plant]) {
             let Some(holder) = bus.holder(&role.health())? else { continue };
             let message = format!(
                 "{holder} already runs on instance `{instance}`; fly on another --instance, or land its vehicle with `oqtal ctl land {}` and end it",

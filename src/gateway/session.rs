@@ -67,7 +67,7 @@ impl Session {
 struct SequenceWindow {
     /// Numbers above `floor` that were received.
     received: BTreeSet<u64>,
-    /// Highest number that is no longer kept; numbers up to it are refused.
+    /// Highest number that was dropped from them; numbers up to it are refused.
     floor: u64,
 }
 

@@ -183,11 +183,15 @@ pub(super) fn refused(cause: Cause, present: ControlResponseV1) -> ControlRespon
     ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
 }
 
-/// `response`, with the place that a change of the course needs if the fence refuses it there.
-pub(super) fn with_place(response: ControlResponseV1, needs: &str) -> ControlResponseV1 {
+/// `response`, with the place that a trajectory `needs` if the fence refuses it there.
+pub(super) fn with_place(
+    response: ControlResponseV1,
+    needs: impl FnOnce() -> Option<String>,
+) -> ControlResponseV1 {
     let is_held = response.state == SafetyState::Hold.code();
-    match response.cause == Cause::Fence.code() && !is_held {
-        true => ControlResponseV1 { text: LongText::new(needs), ..response },
-        false => response,
+    let is_refused = response.cause == Cause::Fence.code() && !is_held;
+    match is_refused.then(needs).flatten() {
+        Some(place) => ControlResponseV1 { text: LongText::new(&place), ..response },
+        None => response,
     }
 }

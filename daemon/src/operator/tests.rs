@@ -381,7 +381,7 @@ fn a_trajectory_that_the_fence_refuses_is_answered_with_the_place_that_it_needs(
     let told = |cause: Cause, state: SafetyState| {
         let (cause, state) = (cause.code(), state.code());
         let response = ControlResponseV1 { cause, state, ..answers(Answer::Refused) };
-        with_place(response, "it fits there").text
+        with_place(response, || Some("it fits there".to_owned())).text
     };
     assert_eq!(told(Cause::Fence, SafetyState::Nominal).as_str(), "it fits there");
     assert!(told(Cause::Fence, SafetyState::Hold).is_empty(), "the fence holds the vehicle");

@@ -39,6 +39,10 @@ impl Margins {
         ("disk_margin", "disk margin"),
         ("peak_sensitivity", "greatest sensitivity"),
     ];
+    /// Index of the disk margin in [`Self::COLUMNS`].
+    pub const DISK: usize = 3;
+    /// Index of the peak sensitivity, the only column whose greatest value is the worst.
+    pub const PEAK: usize = 4;
 
     /// Values in the order of [`Self::COLUMNS`].
     pub fn numbers(&self) -> [f64; 5] {

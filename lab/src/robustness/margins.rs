@@ -93,7 +93,7 @@ fn settings(law: &StudyLaw) -> Vec<Setting> {
 fn least_of(margins: impl Iterator<Item = [f64; 5]>) -> [f64; 5] {
     let worst = |a: f64, b: f64, column| match column {
         _ if a.is_nan() || b.is_nan() => f64::NAN,
-        PEAK => a.max(b),
+        Margins::PEAK => a.max(b),
         _ => a.min(b),
     };
     let worse = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|k| worst(a[k], b[k], k));
@@ -215,9 +215,6 @@ fn least_sheet(
         ..Sheet::default()
     }
 }
-
-/// Index of the peak sensitivity in [`Margins::COLUMNS`].
-const PEAK: usize = 4;
 
 fn table(loops: &[LoopPair]) -> Sheet {
     let row = |pair: &LoopPair, is: &str, margins: [f64; 5]| {

@@ -11,9 +11,6 @@ use crate::study::args::say_notes;
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, JITTER, METRIC};
 
-/// Index of the disk margin in [`Margins::COLUMNS`].
-const DISK: usize = 3;
-
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
 
@@ -164,7 +161,8 @@ pub fn warnings(components: &[TradedFigure]) -> Vec<String> {
 /// Why gains with these `components` have too little margin to be applied in flight; `None` unless the disk margin in hover is below
 /// `least` \[-\] and below that of the gains before, the loop is unstable, or its margins are unknown.
 pub fn too_little_margin(components: &[TradedFigure], least: f64) -> Option<String> {
-    let Some(disk) = components.iter().find(|it| it.key == Margins::COLUMNS[DISK].0) else {
+    let Some(disk) = components.iter().find(|it| it.key == Margins::COLUMNS[Margins::DISK].0)
+    else {
         return (least > 0.0).then(|| "the margins in hover could not be measured".to_owned());
     };
     let [before, after] = disk.values;
@@ -232,13 +230,13 @@ mod tests {
      {
         let refused = |before, after| {
             let disk = TradedFigure {
-                key: Margins::COLUMNS[DISK].0,
+                key: Margins::COLUMNS[Margins::DISK].0,
                 values: [before, after],
                 ..component(None, 0.0)
             };
             too_little_margin(&[disk], 0.15).is_some()
         };
-        assert_eq!(Margins::COLUMNS[DISK].0, "disk_margin");
+        assert_eq!(Margins::COLUMNS[Margins::DISK].0, "disk_margin");
         assert!(refused(0.42, 0.13) && refused(0.42, f64::NAN) && refused(f64::INFINITY, 0.1));
         assert!(!refused(0.42, 0.16) && !refused(0.12, 0.13) && !refused(f64::NAN, 0.1));
         assert!(refused(f64::NAN, f64::NAN));
