@@ -216,9 +216,8 @@ impl Bridge {
     /// the report that is due.
     pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<VehicleReport> {
         self.note_changes(now, note);
-        let due = self.is_setpoint_due(now);
         let waits = self.outbox.is_blocked() || self.holds_back(now);
-        if waits || !due || now < self.outbox.clear_at(now) {
+        if waits || !self.is_setpoint_due(now) || now < self.outbox.clear_at(now) {
             return None;
         }
         if self.zero_first {
@@ -230,12 +229,13 @@ impl Bridge {
                 return None;
             }
         }
-        let has_emergency_stop = self.has_emergency_stop && self.gate.may_stop_at_once();
+        let may_stop_at_once = self.has_emergency_stop && self.gate.may_stop_at_once();
         let (setpoint, forwarded, event) = self.gate.select_command(now);
         self.flies = matches!(setpoint, VehicleSetpoint::Fly(_));
         if let Some(event) = event {
-            note(Note::Motors(event));
-            self.emergency_stop_waits |= event == MotorEvent::StopFailed && has_emergency_stop;
+            let is_emergency = event == MotorEvent::StopFailed && may_stop_at_once;
+            note(if is_emergency { Note::EmergencyStop } else { Note::Motors(event) });
+            self.emergency_stop_waits |= is_emergency;
         }
         let with_command = std::mem::take(&mut self.command_waits);
         self.schedule.add_setpoint(now, with_command);

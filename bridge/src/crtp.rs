@@ -196,7 +196,13 @@ impl Crtp {
                 let news = self.status.take(now, (block, values), &self.connection);
                 self.report(news, reply);
             }
-            CrtpReply::Granted(answer) if answer.is_arming && !answer.granted => self.refuse(reply),
+            CrtpReply::Granted(answer) if answer.is_arming && !answer.granted => {
+                if self.arming.is_disarming() {
+                    reply(VehicleReply::Refused(VehicleRefusal::Disarming));
+                } else {
+                    self.refuse(reply);
+                }
+            }
             other => {
                 reply(VehicleReply::Other);
                 self.connect(&other, reply);

@@ -52,6 +52,8 @@ const REPEAT: Span = Span::from_millis(250);
 const SETTINGS_AGE: Span = Span::from_millis(1000);
 /// Time of a start sequence after which reasons that prevent arming are reported: before, they end by themselves.
 const REFUSED_AFTER: Span = Span::from_millis(1000);
+/// Deviation of a vehicle with a pilot's receiver from `safety.vehicle-time-out-ms`, for display.
+const NO_TIME_OUT: &str = "MSP override: no time-out";
 /// Lengths of the longest reply in flight, the status, and of a set-point \[bytes\].
 const LONGEST_STATUS: usize = 32;
 const SETPOINT_BYTES: usize = MSP_ENVELOPE + 2 * MSP_CHANNELS;
@@ -162,7 +164,11 @@ impl Msp {
         let time_out = self.settings.time_out();
         let is_soon = |longest| time_out.is_some_and(|time_out| time_out <= longest);
         let acts = self.longest_time_out.is_none_or(is_soon);
-        let name = if time_out.is_some() { "failsafe_delay" } else { "failsafe_procedure" };
+        let name = match time_out {
+            _ if !self.settings.has_msp_receiver() => NO_TIME_OUT,
+            Some(_) => "failsafe_delay",
+            None => "failsafe_procedure",
+        };
         self.settings.deviation(self.rates).or((!acts).then_some(name))
     }
 
@@ -268,7 +274,7 @@ impl Msp {
         let Some(name) = obstacle else { return };
         reply(VehicleReply::Refused(VehicleRefusal::Arming));
         if self.last_reported.replace(name) != Some(name) {
-            let is_setting = self.deviation() == Some(name);
+            let is_setting = self.deviation() == Some(name) && name != NO_TIME_OUT;
             let hint = if is_setting { ": run oqtal bridge setup" } else { "" };
             let mut text = [0; 56];
             // A longer text is cut.
@@ -284,7 +290,8 @@ impl VehicleProtocol for Msp {
         FrameSizes {
             setpoint: SETPOINT_BYTES,
             acknowledgement: MSP_ENVELOPE,
-            periodic: MSP_ENVELOPE,
+            // The request of the second page of modes.
+            periodic: MSP_ENVELOPE + 1,
             periodic_reply: LONGEST_STATUS,
         }
     }
@@ -310,23 +317,24 @@ impl VehicleProtocol for Msp {
             self.received_at = Time::UNSET;
             self.restart();
         }
+        let request = |number| Some(MspPacket::request(number, &[]));
         let due = match self.settings.unread() {
-            Some(number) => self.setting_timer.is_due(now, false).then_some(number),
+            Some(setting) => self.setting_timer.is_due(now, false).then_some(setting),
             None if is_status_urgent && self.urgent_timer.is_due(now, false) => {
-                Some(command::STATUS)
+                request(command::STATUS)
             }
-            None if self.status_timer.is_due(now, false) => Some(command::STATUS),
-            None if self.battery_timer.is_due(now, false) => Some(command::BATTERY),
+            None if self.status_timer.is_due(now, false) => request(command::STATUS),
+            None if self.battery_timer.is_due(now, false) => request(command::BATTERY),
             None => {
                 let old = self.settings.unread_since(self.settings_since(now));
                 old.filter(|_| self.setting_timer.is_due(now, false))
             }
         };
-        due.map(|number| {
-            if number == command::STATUS {
+        due.map(|request| {
+            if request.command == command::STATUS {
                 self.backlog.request_status();
             }
-            let frame = VehicleFrame::of(MspPacket::request(number, &[]).as_bytes());
+            let frame = VehicleFrame::of(request.as_bytes());
             PeriodicFrame { frame, is_answered: true }
         })
     }

@@ -20,6 +20,8 @@ pub enum Note {
     Replaced,
     /// Event of the motors.
     Motors(MotorEvent),
+    /// The motors did not stop: the emergency stop is sent.
+    EmergencyStop,
     /// A command was rejected: past its timeout, or stamped in the future.
     CommandRejected,
     /// The port did not send what it was given, and that was discarded.
@@ -46,6 +48,10 @@ impl Note {
                 "another vehicle answers in place of the silent one: name the right one in `bridge.link`, as with `,system=N`"
             ),
             Self::Motors(event) => log_motors(event, link),
+            Self::EmergencyStop => tracing::warn!(
+                "motors did not stop: the emergency stop is sent{}",
+                emergency_stop_hint(link)
+            ),
             Self::CommandRejected => tracing::warn!(
                 "a command was older than `bridge.command-timeout-periods` and was not sent; nor are others like it"
             ),
@@ -83,6 +89,24 @@ fn start_hint(link: &LinkSpec) -> &'static str {
     }
 }
 
+/// Consequence of the emergency stop for the vehicle at `link`; empty if none is known.
+fn emergency_stop_hint(link: &LinkSpec) -> &'static str {
+    match link {
+        LinkSpec::Crtp(_) => "; the vehicle stays locked until it is restarted",
+        LinkSpec::Asctec(_) | LinkSpec::Mavlink(_) | LinkSpec::Msp(_) => "",
+    }
+}
+
+/// Remedy for motors of the vehicle at `link` that did not stop.
+fn stop_hint(link: &LinkSpec) -> &'static str {
+    match link {
+        LinkSpec::Crtp(_) => "switch the vehicle off",
+        LinkSpec::Asctec(_) | LinkSpec::Mavlink(_) | LinkSpec::Msp(_) => {
+            "stop them by the remote control"
+        }
+    }
+}
+
 fn log_motors(event: MotorEvent, link: &LinkSpec) {
     match event {
         MotorEvent::Starting => tracing::info!("motors are being started"),
@@ -94,7 +118,7 @@ fn log_motors(event: MotorEvent, link: &LinkSpec) {
             start_hint(link)
         ),
         MotorEvent::StopFailed => {
-            tracing::warn!("motors did not stop: zero set-point; stop them by the remote control")
+            tracing::warn!("motors did not stop: zero set-point; {}", stop_hint(link));
         }
         MotorEvent::StoppedInFlight => {
             tracing::warn!("motors stopped in flight: zero set-point until disarmed");

@@ -14,8 +14,14 @@ use proptest::prelude::*;
 use protocol::{Protocol, Understood};
 
 /// All protocols. A further one is a row.
-const PROTOCOLS: [Protocol; 5] =
-    [asctec::PROTOCOL, crtp::PROTOCOL, mavlink::ARDUPILOT, mavlink::PX4, msp::PROTOCOL];
+const PROTOCOLS: [Protocol; 6] = [
+    asctec::PROTOCOL,
+    crtp::PROTOCOL,
+    mavlink::ARDUPILOT,
+    mavlink::PX4,
+    msp::RX_MSP,
+    msp::OVERRIDE,
+];
 
 /// Events, each with the number of periods that follow \[-\].
 type Happenings = Vec<(Happening, usize)>;
@@ -169,8 +175,8 @@ fn a_flight_requested_while_the_motors_are_being_stopped_begins_after_the_stop()
 #[test]
 fn f72_a_vehicle_that_was_restarted_is_not_flown_by_what_was_read_before() {
     for (protocol, restarted, flies) in [
-        (msp::PROTOCOL, msp::with_failsafe(20), false),
-        (msp::PROTOCOL, msp::with_failsafe(5), true),
+        (msp::RX_MSP, msp::with_failsafe(20), false),
+        (msp::RX_MSP, msp::with_failsafe(5), true),
         (crtp::PROTOCOL, crtp::vehicle(), true),
     ] {
         let mut exchange = Exchange::new(&protocol);
@@ -181,9 +187,21 @@ fn f72_a_vehicle_that_was_restarted_is_not_flown_by_what_was_read_before() {
     }
 }
 
+/// Its failsafe watches the receiver of the pilot: it flies on without set-points.
+#[test]
+fn f72_a_vehicle_with_msp_override_is_flown_only_if_a_time_out_is_not_needed() {
+    for (protocol, flies) in [(msp::LIMITED_OVERRIDE, false), (msp::OVERRIDE, true)] {
+        let mut exchange = Exchange::new(&protocol);
+        (0..300).for_each(|_| exchange.happen(&Happening::DISARMED, 1).unwrap());
+        assert_eq!(exchange.time_out_s(), 0.0, "no time-out is reported");
+        (0..300).for_each(|_| exchange.happen(&Happening::FLIGHT, 1).unwrap());
+        assert_eq!(exchange.flights() > 0, flies);
+    }
+}
+
 #[test]
 fn f72_a_restart_that_lengthens_the_time_out_is_reported_within_two_seconds() {
-    let mut exchange = Exchange::new(&msp::PROTOCOL);
+    let mut exchange = Exchange::new(&msp::RX_MSP);
     (0..300).for_each(|_| exchange.happen(&Happening::DISARMED, 1).unwrap());
     let tenths = |exchange: &mut Exchange| (exchange.time_out_s() * 10.0).round();
     assert_eq!(tenths(&mut exchange), 3.0);
@@ -195,7 +213,7 @@ fn f72_a_restart_that_lengthens_the_time_out_is_reported_within_two_seconds() {
 /// Also a vehicle that obeys only several frames in a row.
 #[test]
 fn f33_the_motors_are_off_after_the_last_frames_of_a_bridge() {
-    for protocol in [mavlink::ARDUPILOT, mavlink::PX4, msp::PROTOCOL] {
+    for protocol in [mavlink::ARDUPILOT, mavlink::PX4, msp::RX_MSP] {
         let mut exchange = Exchange::new(&protocol);
         exchange.until_airborne().unwrap();
         exchange.end().unwrap();

@@ -339,6 +339,7 @@ pub fn trouble_of_receiver(role: Role, cause: u8) -> Option<&'static str> {
     match Cause::from_code(cause).filter(|_| role == Role::Receiver)? {
         Cause::NoPose => Some("cameras silent"),
         Cause::NoBody => Some("the server has no such body"),
+        Cause::NoStamps => Some("frames have no usable stamps: receiver.stamps = \"arrival\""),
         Cause::Untracked => Some("body not seen"),
         _ => None,
     }

@@ -2,6 +2,22 @@
 
 use oqtal_bus::time::Span;
 
+/// Event of the server's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockEvent {
+    /// The clock is known.
+    Known {
+        /// Error of an instant of capture that 99 of 100 do not exceed.
+        uncertainty: Span,
+    },
+    /// The clock is not known: no poses until it is.
+    Unknown,
+    /// The clock was set by a small step; poses continue.
+    Stepped,
+    /// Frames have no stamps from which the clock can be estimated: no poses.
+    Undated,
+}
+
 /// Event for the log, passed from the real-time thread to the background thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReceiverNote {
@@ -9,15 +25,13 @@ pub enum ReceiverNote {
     Receiving,
     /// No frames come.
     Silent,
-    /// The server's clock is known.
-    ClockKnown {
-        /// Error of an instant of capture that 99 of 100 do not exceed.
-        uncertainty: Span,
+    /// Event of the server's clock.
+    Clock {
+        /// Route of the body whose stamps they are; `None` if all bodies have the same.
+        body: Option<usize>,
+        /// The event.
+        event: ClockEvent,
     },
-    /// The server's clock is not known: no poses until it is.
-    ClockUnknown,
-    /// The server's clock was set by a small step; poses continue.
-    ClockStepped,
     /// The cameras see a body.
     BodySeen {
         /// Route of the body.
@@ -66,20 +80,10 @@ impl ReceiverNote {
         match self {
             Self::Receiving => tracing::info!("frames come"),
             Self::Silent => tracing::warn!("no frames come: connecting again"),
-            Self::ClockKnown { uncertainty } => {
-                tracing::info!(
-                    uncertainty_us = uncertainty.nanos() / 1000,
-                    "the server's clock is known"
-                );
+            Self::Clock { body, event } => {
+                let name = body.and_then(|route| names.get(route));
+                event.log(&name.map_or_else(String::new, |name| format!(" for `{name}`")));
             }
-            Self::ClockUnknown => {
-                tracing::warn!(
-                    "no poses until the server's clock is known again: its frames paused, or it was set or restarted"
-                );
-            }
-            Self::ClockStepped => tracing::warn!(
-                "the server's clock was set by some milliseconds: switch its time service off while flying"
-            ),
             Self::Suspended { length } => tracing::warn!(
                 "the machine was suspended for {:.1} s: poses from before are old",
                 length.seconds()
@@ -118,6 +122,27 @@ impl ReceiverNote {
             ),
             // The others are of no body.
             _ => {}
+        }
+    }
+}
+
+impl ClockEvent {
+    /// Writes the event to the log; `whose` names the body in words, or is empty.
+    fn log(self, whose: &str) {
+        match self {
+            Self::Known { uncertainty } => tracing::info!(
+                uncertainty_us = uncertainty.nanos() / 1000,
+                "the server's clock is known{whose}"
+            ),
+            Self::Unknown => tracing::warn!(
+                "no poses{whose} until the server's clock is known again: its frames paused, or it was set or restarted"
+            ),
+            Self::Stepped => tracing::warn!(
+                "the server's clock was set by some milliseconds{whose}: switch its time service off while flying"
+            ),
+            Self::Undated => tracing::warn!(
+                "no poses{whose}: frames have no usable stamps; switch the server's time stamps on, or set `receiver.stamps = \"arrival\"`"
+            ),
         }
     }
 }

@@ -9,6 +9,8 @@ use oqtal_bus::time::{Span, Time};
 
 /// Pause before the first attempt.
 const SHORTEST_PAUSE: Span = Span::from_millis(100);
+/// Duration of an attempt above which it is logged.
+const LONG_ATTEMPT: Span = Span::from_millis(10_000);
 /// Longest pause between two attempts.
 const LONGEST_PAUSE: Span = Span::from_millis(2000);
 
@@ -60,7 +62,12 @@ impl<T: Send + 'static> Reopener<T> {
             return None;
         };
         let result = match attempt.try_recv() {
-            Err(TryRecvError::Empty) => return None,
+            Err(TryRecvError::Empty) => {
+                if self.next.is_some_and(|since| now.since(since) >= LONG_ATTEMPT) {
+                    self.warn_once("opening takes longer than 10 s".to_owned());
+                }
+                return None;
+            }
             Err(TryRecvError::Disconnected) => {
                 Err("the thread that opens it could not be started, or failed".to_owned())
             }
@@ -74,14 +81,18 @@ impl<T: Send + 'static> Reopener<T> {
                 Some(opened)
             }
             Err(reason) => {
-                if reason != self.last_reason {
-                    tracing::warn!("{reason}");
-                    self.last_reason = reason;
-                }
+                self.warn_once(reason);
                 self.pause = self.grown();
                 self.next = Some(now + self.pause);
                 None
             }
+        }
+    }
+
+    fn warn_once(&mut self, reason: String) {
+        if reason != self.last_reason {
+            tracing::warn!("{reason}");
+            self.last_reason = reason;
         }
     }
 

@@ -67,7 +67,7 @@ pub mod command {
     pub const BATTERY: u8 = 110;
     /// Rates and throttle curve.
     pub const RATES: u8 = 111;
-    /// Modes in the order of the bits of the status.
+    /// Modes in the order of the bits of the status: 32 on each page, the first without a payload.
     pub const MODES: u8 = 119;
     /// Dead bands of the sticks.
     pub const DEAD_BANDS: u8 = 125;

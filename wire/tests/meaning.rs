@@ -61,7 +61,7 @@ fn an_attitude_is_40_counts_a_degree_and_its_yaw_rate_8_and_a_third() {
 
 #[test]
 fn signs_are_those_that_are_set() {
-    let sticks = Sticks { roll: 0.5, pitch: 0.5, yaw: 0.5, thrust: 0.0 };
+    let sticks = Sticks { roll: 0.5, pitch: 0.5, yaw: 0.5, thrust: 0.1 };
     let input = Scales::default().encode(&sticks);
     assert_eq!((input.roll, input.pitch, input.yaw), (-1024, 1024, -1024));
 }
@@ -190,6 +190,7 @@ fn inertial_measurements_are_si_in_body_axes() {
 proptest! {
     #[test]
     fn counts_come_back_as_they_went(scales in scales(), input in counts()) {
+        prop_assume!(input.thrust > 0);
         prop_assert_eq!(scales.encode(&scales.decode(&input)), input);
     }
 
@@ -197,7 +198,7 @@ proptest! {
     fn sticks_come_back_within_half_a_count(
         scales in scales(),
         [roll, pitch, yaw] in prop::array::uniform3(-0.8..0.8_f64),
-        thrust in 0.0..=1.0_f64,
+        thrust in 0.01..=1.0_f64,
     ) {
         let sent = Sticks { roll, pitch, yaw, thrust };
         let input = scales.encode(&sent);
@@ -217,6 +218,18 @@ proptest! {
     ) {
         let input = scales.encode(&Sticks { roll, pitch, yaw, thrust });
         prop_assert!(input.in_range(), "{input:?}");
+    }
+
+    #[test]
+    fn no_flight_command_is_the_motor_switch(
+        scales in scales(),
+        switch in (1..=FULL_STICK, sign()).prop_map(|(counts, sign)| counts * i16::from(sign)),
+        yaw in -10.0..10.0_f64,
+        thrust in prop_oneof![Just(0.0), -1e-6..1e-6, -0.1..1.0_f64],
+    ) {
+        let scales = Scales { motor_yaw_counts: switch, ..scales };
+        let input = scales.encode(&Sticks { yaw, thrust, ..Sticks::default() });
+        prop_assert!(!scales.is_motor_switch(&input), "{input:?}");
     }
 
     #[test]

@@ -47,7 +47,8 @@ fn replies_of_betaflight_are_read() {
     assert_eq!(arming_obstacle(&early), Some("NOT_DISARMED"));
     let switch = MspStatus { obstacles: 1 << 28, ..early };
     assert_eq!((arming_obstacle(&switch), arming_obstacle(&MspStatus::default())), (None, None));
-    assert_eq!(MspStatus::read(&MspStatus { modes: 5, ..early }.payload()).unwrap().modes, 5);
+    let further = MspStatus { modes: 5 | 1 << 40, ..early };
+    assert_eq!(MspStatus::read(&further.payload()), Some(further));
 
     let map = reply(command::CHANNEL_MAP, "244d3e0840000103020405060748");
     assert_eq!(MspChannelMap::read(map.payload()), Some(MspChannelMap::FACTORY));

@@ -19,12 +19,19 @@ pub struct Arming {
     is_started: bool,
     was_started: bool,
     asked_at: Time,
+    /// Whether disarming was requested last.
+    is_disarming: bool,
 }
 
 impl Arming {
     /// No request has been sent to the vehicle yet.
     pub fn new() -> Self {
-        Self { is_started: false, was_started: false, asked_at: Time::UNSET }
+        Self { is_started: false, was_started: false, asked_at: Time::UNSET, is_disarming: false }
+    }
+
+    /// Whether disarming was requested last: an answer to a request does not name which of the two it was.
+    pub fn is_disarming(&self) -> bool {
+        self.is_disarming
     }
 
     /// Whether the bridge has started the motors at least once.
@@ -60,6 +67,7 @@ impl Arming {
         let is_due = !self.asked_at.is_set() || now.since(self.asked_at) >= REPEAT;
         if is_due {
             self.asked_at = now;
+            self.is_disarming = command == SupervisorCommand::Arm(false);
         }
         is_due.then_some(command)
     }
@@ -103,7 +111,9 @@ mod tests {
         assert_eq!(arming.start(at(500), armed), None);
         assert!(arming.motors_run(armed) && !arming.motors_run(ready));
         assert_eq!(arming.stop(at(1000), armed.with(Supervision::FLYING)), None);
+        assert!(!arming.is_disarming());
         assert_eq!(arming.stop(at(2000), armed), Some(SupervisorCommand::Arm(false)));
+        assert!(arming.is_disarming());
     }
 
     #[test]

@@ -1,23 +1,28 @@
 //! Settings of a Betaflight vehicle that the bridge relies on, as they were read, and their rules.
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_wire::msp::{MSP_AUX_CHANNELS, MspChannelMap, MspModeRange, MspPacket, command};
+use oqtal_wire::msp::{MSP_ARM, MSP_AUX_CHANNELS, MspChannelMap, MspModeRange, MspPacket, command};
 
 use crate::wanted::{WantedParameter, WantedValue};
 
-/// Requests whose replies are read before the first set-point.
-const READ: [u8; 10] = [
-    command::FIRMWARE,
-    command::CHANNEL_MAP,
-    command::MODES,
-    command::MODE_RANGES,
-    command::FEATURES,
-    command::RECEIVER,
-    command::RATES,
-    command::FAILSAFE,
-    command::DEAD_BANDS,
-    command::CONTROLLER,
+/// Requests whose replies are read before the first set-point: command and payload.
+const READ: [(u8, &[u8]); 11] = [
+    (command::FIRMWARE, &[]),
+    (command::CHANNEL_MAP, &[]),
+    (command::MODES, &[]),
+    (command::MODE_RANGES, &[]),
+    (command::FEATURES, &[]),
+    (command::RECEIVER, &[]),
+    (command::RATES, &[]),
+    (command::FAILSAFE, &[]),
+    (command::DEAD_BANDS, &[]),
+    (command::CONTROLLER, &[]),
+    (command::MODES, &[1]),
 ];
+/// Index of the second page of modes in [`READ`], which is read only if the first one is full.
+const SECOND_PAGE: usize = READ.len() - 1;
+/// Modes on a full page \[-\].
+const PAGE: usize = 32;
 /// Reply of the firmware's name.
 const BETAFLIGHT: &[u8] = b"BTFL";
 /// Feature "receiver over MSP".
@@ -176,29 +181,39 @@ pub struct MspSettings([Option<(Time, MspPacket)>; READ.len()]);
 
 impl MspSettings {
     /// The next request whose reply is not known; `None` if all are.
-    pub fn unread(&self) -> Option<u8> {
+    pub fn unread(&self) -> Option<MspPacket> {
         self.unread_since(Time::UNSET)
     }
 
     /// The next request whose reply did not arrive at or after `since`; `None` if all did.
-    pub fn unread_since(&self, since: Time) -> Option<u8> {
-        let mut replies = self.0.iter().zip(READ);
+    pub fn unread_since(&self, since: Time) -> Option<MspPacket> {
+        let count = if self.is_first_page_full() { READ.len() } else { SECOND_PAGE };
+        let mut replies = self.0.iter().zip(READ).take(count);
         let is_old = |reply: &Option<(Time, MspPacket)>| reply.is_none_or(|(at, _)| at < since);
-        replies.find_map(|(reply, number)| is_old(reply).then_some(number))
+        let (_, (number, payload)) = replies.find(|(reply, _)| is_old(reply))?;
+        Some(MspPacket::request(number, payload))
     }
 
     /// Takes the reply to a request of the settings, which arrived at `now`; any other is ignored.
     pub fn take(&mut self, now: Time, packet: &MspPacket) {
-        if let Some(index) = READ.iter().position(|number| *number == packet.command) {
+        // A reply does not name its page; the first one begins with the mode "armed".
+        let is_second = packet.command == command::MODES
+            && self.is_first_page_full()
+            && packet.payload().first() != Some(&MSP_ARM);
+        let index = READ.iter().position(|(number, _)| *number == packet.command);
+        if let Some(index) = if is_second { Some(SECOND_PAGE) } else { index } {
             self.0[index] = Some((now, *packet));
         }
     }
 
-    /// Payload of the reply to the request `number`; empty if there is none.
+    /// Payload of the first reply to the request `number`; empty if there is none.
     pub fn payload(&self, number: u8) -> &[u8] {
-        let index = READ.iter().position(|read| *read == number);
-        let reply = index.and_then(|index| self.0[index].as_ref());
-        reply.map_or(&[], |(_, packet)| packet.payload())
+        let index = READ.iter().position(|(read, _)| *read == number);
+        index.map_or(&[], |index| self.reply(index))
+    }
+
+    fn reply(&self, index: usize) -> &[u8] {
+        self.0[index].as_ref().map_or(&[], |(_, packet)| packet.payload())
     }
 
     /// Whether the firmware is Betaflight.
@@ -226,26 +241,33 @@ impl MspSettings {
     }
 
     /// Bit of the mode "MSP override" in a status \[-\]; `None` if the vehicle has none, because no channels are overridden.
-    pub fn override_bit(&self) -> Option<u32> {
+    pub fn override_bit(&self) -> Option<u64> {
         self.modes().find_map(|(bit, mode)| (mode == MSP_OVERRIDE).then_some(bit))
     }
 
     /// Name of a mode among `on`, bits of a status, in which the sticks are not rates; `None` without one.
-    pub fn other_mode(&self, on: u32) -> Option<&'static str> {
+    pub fn other_mode(&self, on: u64) -> Option<&'static str> {
         let name =
             |mode| OTHER_MODES.iter().find_map(|(known, name)| (*known == mode).then_some(*name));
         self.modes().filter(|(bit, _)| bit & on != 0).find_map(|(_, mode)| name(mode))
     }
 
+    fn is_first_page_full(&self) -> bool {
+        self.payload(command::MODES).len() >= PAGE
+    }
+
     /// Bits of a status and numbers of their modes \[-\].
-    fn modes(&self) -> impl Iterator<Item = (u32, u8)> {
-        let modes = self.payload(command::MODES).iter().take(32).enumerate();
+    fn modes(&self) -> impl Iterator<Item = (u64, u8)> {
+        let second = if self.is_first_page_full() { self.reply(SECOND_PAGE) } else { &[] };
+        let pages = [self.payload(command::MODES), second];
+        let modes = pages.into_iter().flat_map(|page| page.iter().take(PAGE)).enumerate();
         modes.map(|(bit, mode)| (1 << bit, *mode))
     }
 
-    /// Whether channels over MSP reach the vehicle: its receiver is MSP, or they may take the place of a pilot's.
-    fn is_receiving(&self) -> bool {
-        self.features() & RX_MSP != 0 || self.override_bit().is_some()
+    /// Whether the vehicle's receiver is MSP, so that its failsafe acts when set-points end. With MSP override it watches the pilot's
+    /// receiver instead.
+    pub fn has_msp_receiver(&self) -> bool {
+        self.features() & RX_MSP != 0
     }
 
     fn features(&self) -> u32 {
@@ -258,8 +280,8 @@ impl MspSettings {
         [
             (
                 "receiver",
-                self.is_receiving(),
-                "`feature RX_MSP`, or a msp_override_channels_mask with sticks and ARM",
+                self.has_msp_receiver() || self.override_bit().is_some(),
+                "`feature RX_MSP`; or a msp_override_channels_mask with sticks and ARM, but without a time-out (F72)",
             ),
             ("ARM", self.arming_switch().is_some(), "one range of one auxiliary channel arms"),
             ("map", self.channel_map().is_some(), "sticks are the first four channels"),
@@ -280,10 +302,10 @@ impl MspSettings {
         broken.map(|(name, ..)| name).or_else(|| Some(field()?.parameter.name))
     }
 
-    /// Time without set-points after which the vehicle stops its motors; `None` if it does something else.
+    /// Time without set-points after which the vehicle stops its motors; `None` if it does something else, or flies on.
     pub fn time_out(&self) -> Option<Span> {
         let [.., procedure] = *self.payload(command::FAILSAFE).first_chunk::<8>()?;
         let delay = f64::from(*self.payload(command::FAILSAFE).first()?);
-        (procedure == 1).then(|| DELAY_UNIT.scaled(delay.max(1.0)))
+        (self.has_msp_receiver() && procedure == 1).then(|| DELAY_UNIT.scaled(delay.max(1.0)))
     }
 }

@@ -10,6 +10,7 @@ use oqtal_wire::crtp::CrtpPacket;
 use oqtal_wire::link::RadioSpec;
 
 use super::dongle::RadioDongle;
+use super::schedule::MAX_AGE;
 use super::usb::UsbDongle;
 use super::worker::RadioWorker;
 use crate::link::{PortOpenError, PortOptions, VehicleLink};
@@ -61,7 +62,7 @@ impl RadioLink {
     }
 }
 
-/// Exchanges packets until the bridge drops its end.
+/// Exchanges packets until the bridge drops its end, and then its last ones.
 fn work<D: RadioDongle>(
     mut worker: RadioWorker<D>,
     up: &Receiver<(Time, CrtpPacket)>,
@@ -74,7 +75,7 @@ fn work<D: RadioDongle>(
         match up.recv_timeout(wait) {
             Ok((at, packet)) => worker.push(at, 0, packet),
             Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            Err(RecvTimeoutError::Disconnected) => return finish(&mut worker, &mut Time::now),
         }
         for (at, packet) in up.try_iter().take(MAX_QUEUED) {
             worker.push(at, 0, packet);
@@ -85,6 +86,20 @@ fn work<D: RadioDongle>(
         }
         worker.give_account(Time::now());
     }
+}
+
+/// Exchanges the last packets of a bridge that has ended, for at most [`MAX_AGE`]: a zero set-point until it is acknowledged.
+fn finish<D: RadioDongle>(
+    worker: &mut RadioWorker<D>,
+    clock: &mut dyn FnMut() -> Time,
+) -> io::Result<()> {
+    let give_up = clock() + MAX_AGE;
+    while !worker.is_finished() && clock() < give_up {
+        if worker.exchange(clock)?.is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+    Ok(())
 }
 
 impl VehicleLink for RadioLink {
@@ -126,5 +141,60 @@ impl Drop for RadioLink {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::radio::RadioAck;
+    use oqtal_wire::crtp::{CrtpRequest, LegacySetpoint};
+
+    /// Radio whose first packets are not acknowledged.
+    #[derive(Debug)]
+    struct LossyDongle {
+        missed: usize,
+        sent: Vec<CrtpPacket>,
+    }
+
+    impl RadioDongle for &mut LossyDongle {
+        fn exchange(&mut self, _: &RadioSpec, packet: &CrtpPacket) -> io::Result<RadioAck> {
+            self.sent.push(*packet);
+            let is_acknowledged = self.sent.len() > self.missed;
+            Ok(RadioAck { is_acknowledged, repeated: 0, reply: None })
+        }
+
+        fn broadcast(&mut self, _: &RadioSpec, _: &CrtpPacket) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// Number of times that `packet` was sent after a bridge has ended, to a vehicle that misses this number of packets.
+    fn sent_at_the_end(packet: &CrtpPacket, missed: usize) -> usize {
+        let mut dongle = LossyDongle { missed, sent: Vec::new() };
+        let mut now = Time::VIRTUAL_START;
+        let mut clock = || {
+            now = now + Span::from_millis(1);
+            now
+        };
+        let vehicle = "80/2M/E7E7E7E701".parse().unwrap();
+        let mut worker = RadioWorker::new(&mut dongle, vec![vehicle], 250.0);
+        let last = CrtpRequest::EndOfSetpoints(0).packet();
+        [*packet, last].into_iter().for_each(|packet| worker.push(clock(), 0, packet));
+        // The first attempt is made before the bridge has ended.
+        worker.exchange(&mut clock).unwrap();
+        finish(&mut worker, &mut clock).unwrap();
+        let count = |wanted| dongle.sent.iter().filter(|sent| **sent == wanted).count();
+        assert!(count(last) > 0, "the end of the set-points");
+        count(*packet)
+    }
+
+    #[test]
+    fn f33_the_last_frames_of_a_bridge_are_sent_until_they_are_acknowledged() {
+        let setpoint =
+            |thrust| CrtpRequest::Setpoint(LegacySetpoint { thrust, ..LegacySetpoint::ZERO });
+        assert_eq!(sent_at_the_end(&setpoint(0).packet(), 0), 1);
+        assert_eq!(sent_at_the_end(&setpoint(0).packet(), 3), 4);
+        assert_eq!(sent_at_the_end(&setpoint(9000).packet(), 3), 1, "flight is not repeated");
     }
 }

@@ -1,19 +1,27 @@
 //! Schedule of one Crazyradio among its vehicles. Pure: time is an argument.
 //!
-//! A vehicle sends only in the acknowledgement of a received packet, so the radio also sends empty packets. Set-points have
-//! priority, first that of the vehicle that has waited longest; then follow other packets, then null packets to vehicles that may
-//! have data to send. Only the newest set-point of a vehicle waits, and none older than [`MAX_AGE`] is ever sent. A set-point
-//! without acknowledgement is not repeated by the schedule, because a newer one follows. Apart from set-points, a vehicle gets no
-//! more packets than its share of the radio's time.
+//! A vehicle sends only in the acknowledgement of a received packet, so the radio also sends empty packets. Stops (disarming and the
+//! emergency stop) go first. Then follow set-points, first that of the vehicle that has waited longest; then other packets, then
+//! null packets to vehicles that may have data to send. Only the newest set-point of a vehicle waits, and none older than
+//! [`MAX_AGE`] is ever sent. A set-point without acknowledgement is not repeated by the schedule, because a newer one follows;
+//! [`RadioSchedule::repeat_missed_zero`] repeats the last one of a bridge that has ended. A stop is repeated until it is
+//! acknowledged. Apart from stops and set-points, a vehicle gets no more packets than its share of the radio's time.
 
 use std::collections::VecDeque;
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_wire::crtp::{CrtpPacket, CrtpPort, CrtpPose, CrtpRequest};
+use oqtal_wire::crtp::{
+    CrtpPacket, CrtpPort, CrtpPose, CrtpRequest, LegacySetpoint, SupervisorCommand,
+};
 
-/// Age above which a packet is never sent.
+/// Age above which a packet is never sent, stops aside.
 pub const MAX_AGE: Span = Span::from_millis(50);
-/// Most packets that wait for one vehicle, its set-point aside \[-\].
+/// Age above which a stop is not sent: a vehicle that has received nothing for this time has stopped its motors and locked itself, and
+/// one that was restarted since must not be locked again.
+const MAX_STOP_AGE: Span = Span::from_millis(2000);
+/// Time between two attempts at a stop.
+const STOP_PERIOD: Span = Span::from_millis(10);
+/// Most packets that wait for one vehicle, its stop and its set-point aside \[-\].
 const MAX_WAITING: usize = 8;
 /// Attempts at a packet other than a set-point, each repeated by the radio itself \[-\].
 const ATTEMPTS: u32 = 3;
@@ -48,7 +56,13 @@ pub struct RadioCounts {
 /// Packets that wait for one vehicle.
 #[derive(Clone, Debug)]
 struct RadioVehicle {
+    /// Emergency stop, or else disarming.
+    stop: Option<Waiting>,
+    /// Instant from which the stop may be sent.
+    stop_at: Time,
     setpoint: Option<Waiting>,
+    /// Last set-point, if it had no thrust and was not acknowledged.
+    missed_zero: Option<Waiting>,
     others: VecDeque<Waiting>,
     /// Instant from which the next packet other than a set-point may be sent.
     free_at: Time,
@@ -70,7 +84,10 @@ impl RadioSchedule {
     /// Schedule for this number of vehicles, each of which gets up to `packets_per_s` packets other than set-points \[1/s\].
     pub fn new(vehicles: usize, packets_per_s: f64) -> Self {
         let vehicle = RadioVehicle {
+            stop: None,
+            stop_at: Time::UNSET,
             setpoint: None,
+            missed_zero: None,
             others: VecDeque::with_capacity(MAX_WAITING),
             free_at: Time::UNSET,
             poll_at: Time::UNSET,
@@ -85,7 +102,18 @@ impl RadioSchedule {
     pub fn push(&mut self, now: Time, vehicle: usize, packet: CrtpPacket) {
         let Some(vehicle) = self.vehicles.get_mut(vehicle) else { return };
         let waiting = Waiting { since: now, packet, attempts: 0 };
-        if is_setpoint(&packet) {
+        let is_emergency = vehicle.stop.is_some_and(|stop| is_emergency_stop(&stop.packet));
+        match supervisor_command(&packet) {
+            // The emergency stop that waits includes disarming.
+            Some(SupervisorCommand::Arm(false)) if is_emergency => return,
+            // The newest of two opposite requests counts.
+            Some(SupervisorCommand::Arm(true)) if !is_emergency => vehicle.stop = None,
+            _ => {}
+        }
+        if is_stop(&packet) {
+            (vehicle.stop, vehicle.stop_at) = (Some(waiting), now);
+            vehicle.others.retain(|other| !is_arming(&other.packet));
+        } else if is_setpoint(&packet) {
             vehicle.counts.dropped += u64::from(vehicle.setpoint.replace(waiting).is_some());
         } else {
             if vehicle.others.len() >= MAX_WAITING {
@@ -114,6 +142,7 @@ impl RadioSchedule {
     fn whose_turn(&self, now: Time) -> Option<usize> {
         let count = self.vehicles.len();
         let order = || (0..count).map(|step| (self.first + step) % count);
+        let with_stop = order().find(|index| self.vehicles[*index].is_stop_due(now));
         let with_setpoint = order()
             .filter_map(|index| self.vehicles[index].setpoint.map(|waiting| (waiting.since, index)))
             .min_by_key(|(since, _)| *since)
@@ -121,7 +150,7 @@ impl RadioSchedule {
         let free = |index: &usize| self.vehicles[*index].free_at <= now;
         let with_other = || order().filter(free).find(|i| !self.vehicles[*i].others.is_empty());
         let to_poll = || order().filter(free).find(|i| self.vehicles[*i].poll_at <= now);
-        with_setpoint.or_else(with_other).or_else(to_poll)
+        with_stop.or(with_setpoint).or_else(with_other).or_else(to_poll)
     }
 
     /// Removes the newest waiting pose for another vehicle from the schedule, to be sent in the same packet as the pose for
@@ -158,14 +187,32 @@ impl RadioSchedule {
         vehicle.counts.acknowledged += u64::from(ack.is_some());
         // A vehicle that sent data may have more.
         vehicle.poll_at = if ack == Some(true) { now } else { now + IDLE_POLL };
-        let again = vehicle.on_air.take().filter(|waiting| {
-            let is_other = !is_setpoint(&waiting.packet) && !waiting.packet.is_null();
-            ack.is_none() && is_other && waiting.attempts + 1 < ATTEMPTS
-        });
-        if let Some(waiting) = again {
-            let attempts = waiting.attempts + 1;
-            vehicle.others.push_front(Waiting { attempts, ..waiting });
+        let Some(waiting) = vehicle.on_air.take() else { return };
+        let missed = Some(waiting).filter(|_| ack.is_none());
+        if is_stop(&waiting.packet) {
+            (vehicle.stop, vehicle.stop_at) = (missed, now + STOP_PERIOD);
+        } else if is_setpoint(&waiting.packet) {
+            vehicle.missed_zero = missed.filter(|missed| is_zero(&missed.packet));
+        } else if let Some(missed) = missed
+            && !missed.packet.is_null()
+            && missed.attempts + 1 < ATTEMPTS
+        {
+            vehicle.others.push_front(Waiting { attempts: missed.attempts + 1, ..missed });
         }
+    }
+
+    /// Repeats the zero set-points that were sent last and not acknowledged: no newer ones follow.
+    pub fn repeat_missed_zero(&mut self) {
+        for vehicle in &mut self.vehicles {
+            vehicle.setpoint = vehicle.setpoint.or(vehicle.missed_zero.take());
+        }
+    }
+
+    /// Whether no packet waits, null packets aside.
+    pub fn is_empty(&self) -> bool {
+        let waits =
+            |v: &RadioVehicle| v.stop.is_some() || v.setpoint.is_some() || !v.others.is_empty();
+        !self.vehicles.iter().any(waits)
     }
 
     /// Instant of the next action if nothing is pushed.
@@ -185,12 +232,19 @@ impl RadioVehicle {
             return Time::UNSET;
         }
         let wanted = if self.others.is_empty() { self.poll_at } else { Time::UNSET };
-        wanted.max(self.free_at)
+        let due_at = wanted.max(self.free_at);
+        if self.stop.is_some() { due_at.min(self.stop_at) } else { due_at }
+    }
+
+    fn is_stop_due(&self, now: Time) -> bool {
+        self.stop.is_some() && self.stop_at <= now
     }
 
     fn drop_old(&mut self, now: Time) {
         let is_old = |waiting: &Waiting| now.since(waiting.since) > MAX_AGE;
         let before = self.others.len() + usize::from(self.setpoint.is_some());
+        self.stop = self.stop.filter(|stop| now.since(stop.since) <= MAX_STOP_AGE);
+        self.missed_zero = self.missed_zero.filter(|waiting| !is_old(waiting));
         self.setpoint = self.setpoint.filter(|waiting| !is_old(waiting));
         self.others.retain(|waiting| !is_old(waiting));
         let after = self.others.len() + usize::from(self.setpoint.is_some());
@@ -215,7 +269,8 @@ impl RadioVehicle {
 
     fn take(&mut self, now: Time) -> Waiting {
         let null = Waiting { since: now, packet: CrtpPacket::NULL, attempts: 0 };
-        self.setpoint.take().or_else(|| self.others.pop_front()).unwrap_or(null)
+        let stop = if self.is_stop_due(now) { self.stop.take() } else { None };
+        stop.or_else(|| self.setpoint.take()).or_else(|| self.others.pop_front()).unwrap_or(null)
     }
 }
 
@@ -231,6 +286,31 @@ pub fn single_pose(packet: &CrtpPacket) -> Option<CrtpPose> {
     }
 }
 
+/// The supervisor's command in a packet; `None` for any other packet.
+fn supervisor_command(packet: &CrtpPacket) -> Option<SupervisorCommand> {
+    match CrtpRequest::read(packet)? {
+        CrtpRequest::Supervisor(command) | CrtpRequest::LegacySupervisor(command) => Some(command),
+        _ => None,
+    }
+}
+
+fn is_stop(packet: &CrtpPacket) -> bool {
+    is_emergency_stop(packet) || supervisor_command(packet) == Some(SupervisorCommand::Arm(false))
+}
+
+fn is_arming(packet: &CrtpPacket) -> bool {
+    supervisor_command(packet) == Some(SupervisorCommand::Arm(true))
+}
+
+fn is_emergency_stop(packet: &CrtpPacket) -> bool {
+    supervisor_command(packet) == Some(SupervisorCommand::EmergencyStop)
+}
+
+/// Whether a packet is the zero set-point.
+fn is_zero(packet: &CrtpPacket) -> bool {
+    *packet == CrtpRequest::Setpoint(LegacySetpoint::ZERO).packet()
+}
+
 /// Whether only the newest of such packets counts: set-points of either kind.
 fn is_setpoint(packet: &CrtpPacket) -> bool {
     let is_generic = packet.port() == CrtpPort::GenericCommander as u8 && packet.channel() == 0;
@@ -238,106 +318,4 @@ fn is_setpoint(packet: &CrtpPacket) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use oqtal_wire::crtp::LegacySetpoint;
-
-    const EXCHANGE: Span = Span::from_nanos(1_200_000);
-
-    fn at(millis: i64) -> Time {
-        Time::VIRTUAL_START + Span::from_millis(millis)
-    }
-
-    fn setpoint(thrust: u16) -> CrtpPacket {
-        CrtpRequest::Setpoint(LegacySetpoint { thrust, ..LegacySetpoint::ZERO }).packet()
-    }
-
-    fn thrust(packet: &CrtpPacket) -> Option<u16> {
-        match CrtpRequest::read(packet) {
-            Some(CrtpRequest::Setpoint(setpoint)) => Some(setpoint.thrust),
-            _ => None,
-        }
-    }
-
-    #[test]
-    fn the_newest_set_point_is_sent_first_and_no_old_packet_is_sent() {
-        let mut schedule = RadioSchedule::new(1, 250.0);
-        schedule.push(at(0), 0, CrtpRequest::Source.packet());
-        schedule.push(at(1), 0, setpoint(1));
-        schedule.push(at(2), 0, setpoint(2));
-        let (_, packet) = schedule.next(at(3)).unwrap();
-        assert_eq!(thrust(&packet), Some(2));
-        schedule.sent(at(4), 0, None, 3);
-        assert!(schedule.next(at(4)).is_none(), "its share: 4 ms between packets");
-        schedule.push(at(40), 0, setpoint(3));
-        let (_, packet) = schedule.next(at(91)).unwrap();
-        assert!(packet.is_null(), "set-point and request are old");
-        assert_eq!(schedule.counts(0).dropped, 3);
-    }
-
-    #[test]
-    fn a_request_is_repeated_a_few_times_and_a_set_point_never() {
-        let mut schedule = RadioSchedule::new(1, 1000.0);
-        schedule.push(at(0), 0, CrtpRequest::Source.packet());
-        schedule.push(at(0), 0, setpoint(1));
-        let mut sent = Vec::new();
-        for millis in 0..30 {
-            if let Some((_, packet)) = schedule.next(at(millis)) {
-                schedule.sent(at(millis), 0, None, 0);
-                sent.push(packet);
-            }
-        }
-        let source = CrtpRequest::Source.packet();
-        assert_eq!(sent.iter().filter(|packet| **packet == source).count(), 3);
-        assert_eq!(sent.iter().filter_map(thrust).count(), 1);
-    }
-
-    /// Vehicles that each get set-points and poses at 60 Hz and echoes at 10 Hz, and report with every third packet.
-    fn busy(vehicles: usize) -> (RadioSchedule, Span) {
-        let mut schedule = RadioSchedule::new(vehicles, 250.0);
-        let (mut now, mut worst) = (at(0), Span::ZERO);
-        let (mut ticks, mut sent) = (0, 0);
-        while now < at(10_000) {
-            while at(0) + Span::from_nanos(16_666_667).scaled(f64::from(ticks)) <= now {
-                for vehicle in 0..vehicles {
-                    schedule.push(now, vehicle, setpoint(1));
-                    schedule.push(now, vehicle, CrtpRequest::Echo(0).packet());
-                }
-                ticks += 1;
-            }
-            let waits = schedule.vehicles.iter().filter_map(|v| v.setpoint.map(|w| w.since));
-            worst = waits.map(|since| now.since(since)).fold(worst, Span::max);
-            match schedule.next(now) {
-                Some((vehicle, _)) => {
-                    sent += 1;
-                    now = now + EXCHANGE;
-                    schedule.sent(now, vehicle, Some(sent % 3 == 0), 0);
-                }
-                None => now = now + Span::from_nanos(100_000),
-            }
-        }
-        (schedule, worst + EXCHANGE)
-    }
-
-    #[test]
-    fn two_vehicles_at_sixty_hertz_are_within_the_budget_of_one_radio() {
-        let (schedule, worst) = busy(2);
-        for vehicle in 0..2 {
-            let counts = schedule.counts(vehicle);
-            assert!(counts.setpoints >= 599 && counts.dropped == 0, "{counts:?}");
-            // The share of the vehicle, and set-points.
-            assert!(counts.sent <= 2500 + counts.setpoints, "{counts:?}");
-        }
-        // Behind the exchange that runs, and the other vehicle's set-point.
-        assert!(worst <= EXCHANGE.scaled(3.0) + Span::from_nanos(200_000), "{worst:?}");
-    }
-
-    #[test]
-    fn more_vehicles_than_a_radio_carries_share_it_evenly_and_get_nothing_old() {
-        let (schedule, worst) = busy(16);
-        let counts: Vec<u64> = (0..16).map(|i| schedule.counts(i).setpoints).collect();
-        let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
-        assert!(most - least <= 2, "{counts:?}");
-        assert!(worst <= MAX_AGE + EXCHANGE);
-    }
-}
+mod tests;

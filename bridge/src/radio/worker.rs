@@ -41,6 +41,13 @@ impl<D: RadioDongle> RadioWorker<D> {
         self.schedule.push(now, vehicle, packet);
     }
 
+    /// Whether no packet waits after the zero set-points that were sent last and not acknowledged were added again: no newer ones
+    /// follow.
+    pub fn is_finished(&mut self) -> bool {
+        self.schedule.repeat_missed_zero();
+        self.schedule.is_empty()
+    }
+
     /// Instant of the next action if nothing is pushed.
     pub fn next_event(&self) -> Option<Time> {
         self.schedule.next_event()

@@ -88,8 +88,8 @@ impl MspSession {
     /// Reads all settings.
     fn read(&mut self) -> Result<MspSettings, Failure> {
         let mut settings = MspSettings::default();
-        while let Some(number) = settings.unread() {
-            let packet = self.exchange(number, &[])?;
+        while let Some(request) = settings.unread() {
+            let packet = self.exchange(request.command, request.payload())?;
             settings.take(Time::now(), &packet);
         }
         Ok(settings)

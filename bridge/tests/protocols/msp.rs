@@ -1,4 +1,5 @@
-//! A vehicle with Betaflight whose pilot has a receiver, for the rules of the bridge.
+//! Vehicles with Betaflight, for the rules of the bridge: one whose receiver is MSP, and one whose pilot has a receiver, with MSP
+//! override behind the first page of modes.
 
 use oqtal_bridge::{Bridge, Msp, transport};
 use oqtal_bus::time::Time;
@@ -10,8 +11,16 @@ use oqtal_wire::xbee::Address;
 
 use super::protocol::{Protocol, ProtocolVehicle, Understood};
 
-/// The row of this protocol.
-pub const PROTOCOL: Protocol = Protocol { name: "msp", bridge, vehicle };
+/// The rows of this protocol.
+pub const RX_MSP: Protocol =
+    Protocol { name: "msp", bridge: |now| bridge(now, 1000.0), vehicle: || with_failsafe(3) };
+pub const OVERRIDE: Protocol = Protocol {
+    name: "msp override",
+    bridge: |now| bridge(now, f64::INFINITY),
+    vehicle: || Box::new(Betaflight { has_pilot: true, ..Betaflight::new(3) }),
+};
+/// MSP override, which has no time-out, with the limit as shipped.
+pub const LIMITED_OVERRIDE: Protocol = Protocol { bridge: RX_MSP.bridge, ..OVERRIDE };
 
 /// Roll rate at full stick of a command, as shipped \[rad/s\], and of the vehicle \[10 deg/s\].
 const AUTHORITY: f64 = 2.0;
@@ -19,9 +28,10 @@ const FULL: u8 = 12;
 /// Number of the mode "MSP override" \[-\].
 const MSP_OVERRIDE: u8 = 50;
 
-fn bridge(now: Time) -> Bridge {
+fn bridge(now: Time, time_out_ms: f64) -> Bridge {
     let preset = Setting::flag("test", "vehicle.preset", "betaflight-quad");
-    let config = Config::load(&[], &[preset]).unwrap();
+    let mut config = Config::load(&[], &[preset]).unwrap();
+    config.safety.vehicle_time_out_ms = time_out_ms;
     let link = "msp:tcp:127.0.0.1:5761".parse().unwrap();
     let protocol = Msp::new(&config).unwrap();
     Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
@@ -30,23 +40,18 @@ fn bridge(now: Time) -> Bridge {
 /// Frames with the arming switch off after which the vehicle disarms \[-\].
 const DISARM_FRAMES: u8 = 4;
 
-fn vehicle() -> Box<dyn ProtocolVehicle> {
-    with_failsafe(3)
-}
+/// Number of the mode "MSP override" among those of a status \[-\].
+const OVERRIDE_BIT: usize = 32;
 
-/// A vehicle whose failsafe acts after `delay` \[0.1 s\].
+/// A vehicle whose receiver is MSP and whose failsafe acts after `delay` \[0.1 s\].
 pub fn with_failsafe(delay: u8) -> Box<dyn ProtocolVehicle> {
-    Box::new(Betaflight {
-        delay,
-        is_armed: false,
-        off_frames: 0,
-        is_piloted: false,
-        told_piloted: false,
-    })
+    Box::new(Betaflight::new(delay))
 }
 
 struct Betaflight {
     delay: u8,
+    /// Whether its receiver is a pilot's, and MSP overrides it.
+    has_pilot: bool,
     is_armed: bool,
     /// Frames since the switch was on \[-\].
     off_frames: u8,
@@ -61,6 +66,10 @@ impl ProtocolVehicle for Betaflight {
         let request = decoder.push(frame).next().unwrap();
         let (payload, understood) = match request.command {
             command::CHANNELS => (Vec::new(), self.channels(request.payload())),
+            command::MODES => {
+                let page = request.payload().first().copied().unwrap_or_default();
+                (self.modes(page), Understood::Word)
+            }
             number => (self.reply(number), Understood::Word),
         };
         let reply = MspPacket::new(MspKind::Reply, request.command, &payload);
@@ -71,7 +80,7 @@ impl ProtocolVehicle for Betaflight {
     fn tick(&mut self, _: Time, _: &mut Vec<Vec<u8>>) {}
 
     fn manual_override(&mut self, motors_on: bool, is_piloted: bool) {
-        (self.is_armed, self.is_piloted) = (motors_on, motors_on && is_piloted);
+        (self.is_armed, self.is_piloted) = (motors_on, self.has_pilot && motors_on && is_piloted);
         self.off_frames = 0;
     }
 
@@ -85,6 +94,26 @@ impl ProtocolVehicle for Betaflight {
 }
 
 impl Betaflight {
+    fn new(delay: u8) -> Self {
+        Self {
+            delay,
+            has_pilot: false,
+            is_armed: false,
+            off_frames: 0,
+            is_piloted: false,
+            told_piloted: false,
+        }
+    }
+
+    /// A page of the modes: armed, beeper 31 times, MSP override.
+    fn modes(&self, page: u8) -> Vec<u8> {
+        match (self.has_pilot, page) {
+            (false, _) => vec![0],
+            (true, 0) => [&[0][..], &[13; OVERRIDE_BIT - 1]].concat(),
+            (true, _) => vec![MSP_OVERRIDE],
+        }
+    }
+
     fn channels(&mut self, payload: &[u8]) -> Understood {
         let (sticks, switches) = MspSticks::read(payload, MspChannelMap::FACTORY).unwrap();
         let is_on = switches[0] > 1700;
@@ -108,9 +137,9 @@ impl Betaflight {
         match number {
             command::FIRMWARE => b"BTFL".to_vec(),
             command::CHANNEL_MAP => vec![0, 1, 3, 2],
-            command::MODES => vec![0, MSP_OVERRIDE],
             command::MODE_RANGES => vec![0, 0, 32, 48],
-            command::FEATURES => vec![8, 0, 0, 0],
+            // `RX_SERIAL` or `RX_MSP`.
+            command::FEATURES => vec![8, if self.has_pilot { 0 } else { 1 << 6 }, 0, 0],
             command::RECEIVER => [&[0, 0x6C, 7, 0xDC, 5, 0x1A, 4][..], &[0; 25]].concat(),
             command::CONTROLLER => vec![0; 38],
             command::RATES => {
@@ -123,7 +152,8 @@ impl Betaflight {
             command::DEAD_BANDS => vec![0, 0],
             command::STATUS => {
                 self.told_piloted = self.is_armed && self.is_piloted;
-                let modes = u32::from(self.is_armed) | u32::from(!self.is_piloted) << 1;
+                let is_overridden = self.has_pilot && !self.is_piloted;
+                let modes = u64::from(self.is_armed) | u64::from(is_overridden) << OVERRIDE_BIT;
                 MspStatus { modes, ..MspStatus::default() }.payload().to_vec()
             }
             _ => Vec::new(),

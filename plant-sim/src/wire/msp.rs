@@ -166,7 +166,7 @@ impl MspBoard {
 
     fn status(&self, now: Time) -> MspStatus {
         let obstacles = if self.is_armed { 0 } else { self.obstacles(now) };
-        MspStatus { modes: u32::from(self.is_armed), obstacles, obstacle_count: OBSTACLES }
+        MspStatus { modes: u64::from(self.is_armed), obstacles, obstacle_count: OBSTACLES }
     }
 }
 

@@ -187,7 +187,8 @@ impl Scales {
         }
     }
 
-    /// Converts `sticks` to counts within the limits; the zero set-point if a value is not finite.
+    /// Converts `sticks` to counts within the limits; the zero set-point if a value is not finite. Never a motor switch: without thrust
+    /// the yaw stick stays within half of [`Scales::motor_yaw_counts`].
     pub fn encode(&self, sticks: &Sticks) -> ControlInput {
         let Sticks { roll, pitch, yaw, thrust } = *sticks;
         if ![roll, pitch, yaw, thrust].iter().all(|value| value.is_finite()) {
@@ -195,11 +196,14 @@ impl Scales {
         }
         let (signs, limits) = (&self.command_signs, &self.limit_counts);
         let (angle, rate) = (self.counts_per_angle(), self.counts_per_yaw());
+        let thrust = stick(self.thrust_table.counts(thrust), limits.thrust).max(0);
+        let half_switch = (self.motor_yaw_counts / 2).abs();
+        let most_yaw = if thrust == 0 { limits.yaw.min(half_switch) } else { limits.yaw };
         ControlInput {
             roll: stick(f64::from(signs.roll) * roll * angle, limits.roll),
             pitch: stick(f64::from(signs.pitch) * pitch * angle, limits.pitch),
-            yaw: stick(f64::from(signs.yaw) * yaw * rate, limits.yaw),
-            thrust: stick(self.thrust_table.counts(thrust), limits.thrust).max(0),
+            yaw: stick(f64::from(signs.yaw) * yaw * rate, most_yaw),
+            thrust,
             enabled: ControlInput::ENABLE_ALL,
         }
     }

@@ -52,7 +52,7 @@ pub struct MspModeRange {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MspStatus {
     /// Modes that are on, a bit each in the order of [`super::command::MODES`]; "armed" is bit 0 \[-\].
-    pub modes: u32,
+    pub modes: u64,
     /// Reasons that prevent arming \[-\].
     pub obstacles: u32,
     /// Number of reasons of this firmware \[-\].
@@ -92,20 +92,26 @@ impl MspStatus {
     pub fn read(payload: &[u8]) -> Option<Self> {
         let mut fields = ByteReader::new(payload, ByteOrder::Little);
         fields.take::<6>()?;
-        let modes = fields.u32()?;
+        let first = fields.u32()?;
         fields.take::<5>()?;
-        // Further modes, of which the low four bits tell the number of bytes.
-        let more = fields.u8()? & 0xF;
-        fields.bytes(usize::from(more))?;
+        // Number of bytes of further modes: the low four bits.
+        let count = fields.u8()? & 0xF;
+        let further = fields.bytes(usize::from(count))?.iter().take(4).enumerate();
+        let modes = further.fold(u64::from(first), |modes, (index, byte)| {
+            modes | u64::from(*byte) << (32 + 8 * index)
+        });
         Some(Self { modes, obstacle_count: fields.u8()?, obstacles: fields.u32()? })
     }
 
     /// Payload of the state, with zero in every other field.
-    pub fn payload(&self) -> [u8; 21] {
-        let mut payload = [0; 21];
-        payload[6..10].copy_from_slice(&self.modes.to_le_bytes());
-        payload[16] = self.obstacle_count;
-        payload[17..].copy_from_slice(&self.obstacles.to_le_bytes());
+    pub fn payload(&self) -> [u8; 25] {
+        let mut payload = [0; 25];
+        let (first, further) = (self.modes as u32, (self.modes >> 32) as u32);
+        payload[6..10].copy_from_slice(&first.to_le_bytes());
+        payload[15] = 4;
+        payload[16..20].copy_from_slice(&further.to_le_bytes());
+        payload[20] = self.obstacle_count;
+        payload[21..].copy_from_slice(&self.obstacles.to_le_bytes());
         payload
     }
 
