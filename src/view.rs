@@ -160,7 +160,7 @@ impl ViewArgs {
             observer.poll(now, &mut view)?;
             view.note_law(law_query.poll(observer.bus(), now));
             let (collected, status) = view.take(now);
-            hub.publish(&collected, status);
+            hub.publish(now, &collected, status);
         }
         Ok(())
     }

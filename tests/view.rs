@@ -115,6 +115,8 @@ fn a_browser_follows_a_flight_that_it_arms_and_lands() {
     let tuned = seen["tuned"].as_str().unwrap();
     assert!(tuned.starts_with("set: ") && tuned.contains("control.oqtal."), "{seen}");
     assert!(seen["landing"].as_str().unwrap().starts_with("landing"), "{seen}");
+    assert!(seen["late"].as_str().unwrap().contains("not up to date"), "{seen}");
+    assert_eq!(seen["gotos"], 0, "a goto is sent after the landing");
     assert!(number(&seen, "/pixels") > 100.0, "no path is drawn");
 }
 

@@ -18,13 +18,12 @@ use crate::draw::draw;
 use crate::keys::Key;
 use crate::look::ScreenLook;
 use crate::model::{MonitorModel, ShownAnswer};
+use crate::requests::{ExecuteLine, RequestThreads};
 use crate::terminal::OpenTerminal;
 
 /// Refresh period of the picture.
 const PICTURE_PERIOD: Duration = Duration::from_millis(100);
 
-/// Executes a request to the instance at these paths and returns the answer as one line.
-pub type ExecuteLine = fn(&InstancePaths, &str) -> String;
 /// Reason why no process of an instance answers.
 pub type Silent = fn(&InstancePaths) -> Failure;
 
@@ -52,12 +51,13 @@ impl MonitorArgs {
         let end = stop_on_signals()?;
         let observer = InstanceObserver::open(&paths, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
-        let request = (request, paths);
+        let requests = RequestThreads::new(request, paths);
         let law_query = LawQuery::default();
-        let mut watch = Watch { observer, model, law_query, look: self.look(), end, request };
+        let mut watch = Watch { observer, model, law_query, look: self.look(), end, requests };
         watch.find(silent)?;
-        watch.run()?;
-        Ok(Exit::Ok)
+        let shown = watch.run();
+        watch.requests.finish();
+        shown.map(|()| Exit::Ok)
     }
 
     fn look(&self) -> ScreenLook {
@@ -89,8 +89,7 @@ struct Watch {
     law_query: LawQuery,
     look: ScreenLook,
     end: StopFlag,
-    /// Executor of requests, and the paths of the instance.
-    request: (ExecuteLine, InstancePaths),
+    requests: RequestThreads,
 }
 
 impl Watch {
@@ -103,11 +102,11 @@ impl Watch {
                 return Ok(());
             }
             if Time::now() > give_up {
-                let failure = silent(&self.request.1);
+                let failure = silent(&self.requests.paths);
                 if failure.exit == Exit::Permission {
                     return Err(failure);
                 }
-                let (name, place) = (&self.model.name, self.request.1.flags());
+                let (name, place) = (&self.model.name, self.requests.paths.flags());
                 let message = format!(
                     "no process of instance `{name}` runs; start `oqtal fly {place}` or its services, or name another with --instance"
                 );
@@ -125,10 +124,13 @@ impl Watch {
         let mut terminal = OpenTerminal::enter().map_err(failed)?;
         while !self.end.is_set() {
             self.poll()?;
+            if let Some((line, text)) = self.requests.poll() {
+                self.model.show_answer(Time::now(), &line, &text);
+            }
             let picture = draw(&self.model, self.look, terminal.size().map_err(failed)?);
             terminal.show(picture, self.look).map_err(failed)?;
             let Some(bytes) = terminal.keys(PICTURE_PERIOD).map_err(failed)? else { continue };
-            match self.model.keyboard.take(&bytes) {
+            match self.model.keyboard.take(&bytes, Time::now()) {
                 Some(Key::Quit) => break,
                 Some(Key::Restart) => {
                     self.model.instance.restart_figures();
@@ -143,9 +145,11 @@ impl Watch {
     }
 
     fn request(&mut self, line: &str) {
-        let (request, paths) = &self.request;
-        let text = request(paths, line);
-        self.model.answer = Some(ShownAnswer::at(Time::now(), line, &text));
+        let text = match self.requests.start(line) {
+            Ok(()) => format!("`{line}` is being executed"),
+            Err(reason) => reason,
+        };
+        self.model.answer = Some(ShownAnswer::at(Time::now(), "", &text));
     }
 
     fn poll(&mut self) -> Result<(), Failure> {

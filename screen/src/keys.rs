@@ -1,7 +1,11 @@
 //! Meaning of keys: single keys, and a line in which a request is typed.
 
+use oqtal_bus::time::{Span, Time};
+
 /// Longest request line \[characters\].
 const LONGEST: usize = 200;
+/// Time between two parts of a pasted text, at most; keys are pressed at greater intervals.
+const PASTE_GAP: Span = Span::from_millis(50);
 
 const CTRL_C: u8 = 3;
 const CTRL_D: u8 = 4;
@@ -28,17 +32,22 @@ pub enum Key {
 pub struct Keyboard {
     /// The request being typed.
     pub line: Option<String>,
+    /// Instant of the last keys; unset before them.
+    last_at: Time,
 }
 
 impl Keyboard {
-    /// Takes the bytes of one or more keys; no bytes mean the end of the input. Control keys quit and stop in a request too. The
-    /// letter S is a letter there, and in a text: pasted text arrives at once, and must not stop a flight.
-    pub fn take(&mut self, bytes: &[u8]) -> Option<Key> {
+    /// Takes the bytes of one or more keys received at `now`; no bytes mean the end of the input. Control keys quit and stop in a
+    /// request too. The letter S is a letter there, and in a text: pasted text arrives in long parts, of which the last may be a
+    /// single S, and must not stop a flight.
+    pub fn take(&mut self, bytes: &[u8], now: Time) -> Option<Key> {
+        let is_pasted = now.since(std::mem::replace(&mut self.last_at, now)) < PASTE_GAP;
         if bytes.is_empty() || bytes.iter().any(|key| matches!(*key, CTRL_C | CTRL_D)) {
             return Some(Key::Quit);
         }
         // With the shift key: not pressed by accident.
-        let is_letter_alone = self.line.is_none() && bytes.iter().all(|key| *key == b'S');
+        let is_letter_alone =
+            self.line.is_none() && !is_pasted && bytes.iter().all(|key| *key == b'S');
         if is_letter_alone || bytes.contains(&CTRL_S) {
             self.line = None;
             return Some(Key::Stop);
@@ -79,9 +88,11 @@ impl Keyboard {
 mod tests {
     use super::*;
 
+    const NOW: Time = Time::VIRTUAL_START;
+
     #[test]
     fn keys_that_end_and_keys_that_do_not() {
-        let meaning = |bytes: &[u8]| Keyboard::default().take(bytes);
+        let meaning = |bytes: &[u8]| Keyboard::default().take(bytes, NOW);
         for end in [&b"q"[..], b"Q", b"\x03", b"\x04", b"\x1b", b""] {
             assert_eq!(meaning(end), Some(Key::Quit), "{end:?}");
         }
@@ -100,23 +111,35 @@ mod tests {
     }
 
     #[test]
+    fn the_last_letter_of_a_pasted_text_does_not_stop() {
+        let mut keyboard = Keyboard::default();
+        let at = |millis| NOW + Span::from_millis(millis);
+        assert_eq!(keyboard.take(&[b'x'; 4096], at(0)), None);
+        assert_eq!(keyboard.take(b"S", at(20)), None);
+        assert_eq!(keyboard.take(b"S", at(70)), Some(Key::Stop), "pressed");
+    }
+
+    #[test]
     fn a_request_is_typed_corrected_and_sent() {
         let mut keyboard = Keyboard::default();
-        assert_eq!(keyboard.take(b":gotq\x7fo 1 -2"), None);
-        assert_eq!(keyboard.take(b"\x1b[A"), None);
+        assert_eq!(keyboard.take(b":gotq\x7fo 1 -2", NOW), None);
+        assert_eq!(keyboard.take(b"\x1b[A", NOW), None);
         assert_eq!(keyboard.line.as_deref(), Some("goto 1 -2"));
-        assert_eq!(keyboard.take(b" 1\r"), Some(Key::Request("goto 1 -2 1".to_owned())));
-        assert_eq!((keyboard.take(b":land"), keyboard.take(b"\x1b")), (None, None));
+        assert_eq!(keyboard.take(b" 1\r", NOW), Some(Key::Request("goto 1 -2 1".to_owned())));
+        assert_eq!((keyboard.take(b":land", NOW), keyboard.take(b"\x1b", NOW)), (None, None));
         assert_eq!(keyboard.line, None);
-        assert_eq!(keyboard.take(b":  \r"), None);
+        assert_eq!(keyboard.take(b":  \r", NOW), None);
         let paths =
-            [&b":reload /home/"[..], b"S", b"am/Setup.toml"].map(|keys| keyboard.take(keys));
+            [&b":reload /home/"[..], b"S", b"am/Setup.toml"].map(|keys| keyboard.take(keys, NOW));
         assert_eq!(
             (paths, keyboard.line.as_deref()),
             ([const { None }; 3], Some("reload /home/Sam/Setup.toml"))
         );
         // Neither waits for the end of a line.
-        assert_eq!((keyboard.take(b"\x13"), keyboard.line.take()), (Some(Key::Stop), None));
-        assert_eq!((keyboard.take(b":go"), keyboard.take(b"\x03")), (None, Some(Key::Quit)));
+        assert_eq!((keyboard.take(b"\x13", NOW), keyboard.line.take()), (Some(Key::Stop), None));
+        assert_eq!(
+            (keyboard.take(b":go", NOW), keyboard.take(b"\x03", NOW)),
+            (None, Some(Key::Quit))
+        );
     }
 }

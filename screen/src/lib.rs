@@ -14,6 +14,7 @@
 //! | `draw.rs` | the picture of the model |
 //! | `wrapping.rs` | texts in lines of limited width |
 //! | `keys.rs` | meaning of keys, and the line of a request |
+//! | `requests.rs` | requests, executed beside the picture |
 //! | `terminal.rs` | the terminal, and its restoration |
 //! | `command.rs` | the command and its loop |
 #![forbid(unsafe_code)]
@@ -26,6 +27,7 @@ mod lines;
 mod look;
 mod model;
 mod picture;
+mod requests;
 mod terminal;
 #[cfg(test)]
 mod tests;

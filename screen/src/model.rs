@@ -74,6 +74,13 @@ impl MonitorModel {
         [error, thrust, latency].into_iter().for_each(|trend| trend.advance(now));
     }
 
+    /// Shows the answer `text` to `request`, received at `now`. It belongs to the next flight only if none has begun.
+    pub fn show_answer(&mut self, now: Time, request: &str, text: &str) {
+        let is_armed = self.daemon.is_some_and(|(_, is_armed)| is_armed);
+        let answer = ShownAnswer::at(now, request, text);
+        self.answer = Some(ShownAnswer { is_of_arm: answer.is_of_arm && !is_armed, ..answer });
+    }
+
     /// Forgets the answer if the tick belongs to another flight or another daemon.
     fn forget_answer(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let (source, is_armed) = (reception.header.source, telemetry.is_armed());

@@ -16,6 +16,8 @@ use crate::picture::{Cell, Picture};
 /// Control sequences of xterm: alternate screen and hidden cursor, and back.
 const ENTER: &[u8] = b"\x1b[?1049h\x1b[?25l";
 const LEAVE: &[u8] = b"\x1b[?1049l\x1b[?25h";
+/// Size of the kernel's queue of keys: pasted text that waits there is read at once \[bytes\].
+const QUEUE_BYTES: usize = 4096;
 const CLEAR: &str = "\x1b[0m\x1b[2J";
 
 /// Terminal in use. Its previous state is restored on drop.
@@ -104,7 +106,7 @@ impl OpenTerminal {
         if !ends[0].revents().contains(PollFlags::IN) {
             return Ok(None);
         }
-        let mut bytes = [0; 64];
+        let mut bytes = [0; QUEUE_BYTES];
         let length = self.keys.read(&mut bytes)?;
         Ok(Some(bytes[..length].to_vec()))
     }

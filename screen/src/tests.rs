@@ -273,14 +273,17 @@ fn an_answer_is_shown_until_another_flight_or_daemon() {
         let tick = TelemetryV1 { mode: mode.code(), ..flying(at(3000 + 1000 * seconds)) };
         model.sample(&Reception::default(), Sample::Telemetry(&tick));
         if seconds == 1 {
-            model.answer = Some(ShownAnswer::at(tick.time, "arm", "armed"));
+            model.show_answer(tick.time, "arm", "armed");
         }
         seen(&model, (80, 24)).contains("UTC: armed")
     };
     assert!(is_shown_at(1, Mode::Disarmed) && is_shown_at(9, Mode::Flying));
     assert!(is_shown_at(10, Mode::Disarmed) && !is_shown_at(11, Mode::Flying));
+    // Received after the first tick of the flight.
+    assert!(is_shown_at(1, Mode::Flying) && is_shown_at(2, Mode::Disarmed));
+    assert!(!is_shown_at(3, Mode::Flying));
     let mut model = in_flight();
-    model.keyboard.take(b":go");
+    model.keyboard.take(b":go", at(0));
     assert!(seen(&model, (80, 24)).contains("lab (Ctrl-S stops): go_"));
 }
 

@@ -89,11 +89,30 @@ async function control(page, context) {
 		() => /set: (done|accepted)/.test(document.getElementById('answer').textContent), null, TIMEOUT,
 	);
 	const tuned = await text(page, 'answer');
-	await page.click('#land');
-	await until(page, 'answer', 'landing');
-	const landing = await text(page, 'answer');
+	const ended = await landing(page);
 	await until(page, 'mode', 'disarmed');
-	return { refused, armed, tuned, landing, pixels: await page.evaluate(drawn) };
+	return { refused, armed, tuned, ...ended, pixels: await page.evaluate(drawn) };
+}
+
+// A landing while the connection delays a hover by 4 s, and a goto waits for the answer to that.
+async function landing(page) {
+	const is = (name) => (it) => it.postData()?.includes(`"${name}"`);
+	let gotos = 0;
+	await page.route('**/control', async (route) => {
+		if (is('goto')(route.request())) gotos += 1;
+		if (is('hover')(route.request())) await page.waitForTimeout(4000);
+		await route.continue();
+	});
+	const [sent, answered] = [
+		page.waitForRequest(is('hover'), TIMEOUT), page.waitForResponse((it) => is('hover')(it.request()), TIMEOUT),
+	];
+	await page.click('#hover');
+	await sent;
+	await page.click('#goto button:not([type])');
+	const landed = page.waitForResponse((it) => is('land')(it.request()), TIMEOUT);
+	await page.click('#land');
+	const [land, hover] = [await (await landed).text(), await (await answered).text()];
+	return { landing: land, late: hover, gotos };
 }
 
 // The page after daemon and vehicle have ended.

@@ -25,14 +25,14 @@ export function offerControl(scene) {
     if (isSure) sure = setTimeout(() => element("arm").classList.contains("sure") && reset(), SURE_MS);
     else send("arm");
   });
-  element("land").addEventListener("click", () => send("land"));
   element("hover").addEventListener("click", () => send("hover"));
   element("goto").addEventListener("submit", (event) => {
     event.preventDefault();
     send("goto", ["goto-x", "goto-y", "goto-z"].map((id) => element(id).value));
   });
   tuning = new Tuning(scene.gains, send);
-  element("stop").addEventListener("click", () => send("stop"));
+  // Both drop the commands that wait, also those that ask for gains.
+  for (const end of ["land", "stop"]) element(end).addEventListener("click", () => tuning.change(end, []));
   if (hasToken()) unlock();
 }
 
@@ -60,7 +60,7 @@ async function send(name, args = []) {
     return true;
   } catch (error) {
     answer.className = "answer bad";
-    answer.textContent = error instanceof Refused ? error.message : "the program does not answer";
+    answer.textContent = error instanceof Refused ? error.message : `${name}: no answer; it is not known whether it was received`;
     if (error.status === 401) {
       element("unlock").hidden = false;
       element("commands").hidden = true;

@@ -3,6 +3,8 @@
 const KEY = "oqtal-token";
 const PAUSE_MS = 1000;
 const SILENCE_MS = 5000;
+// Time within which a command must be answered.
+const ANSWER_TIMEOUT_MS = 5000;
 
 export class Refused extends Error {
   constructor(status, text) {
@@ -31,16 +33,35 @@ export async function load(path) {
   return (await request(path)).json();
 }
 
+// Time of the newest update, by the server's clock [ms]. The server refuses a command that an interrupted connection has delayed.
+let seenMs = 0;
 let previous = Promise.resolve();
+// Number of times that waiting commands were dropped.
+let drops = 0;
 
-// Sends a command of an operator and returns the answer. The server executes one at a time; only a stop does not wait.
+// Sends a command of an operator and returns the answer. The server executes one at a time; a stop or a landing does not wait. Commands
+// that wait are dropped by them, and if one before is not answered.
 export function command(name, args = []) {
-  const body = JSON.stringify({ command: name, arguments: args.map(String) });
-  const send = async () => (await (await request("control", { method: "POST", body })).text()).trim();
-  if (name === "stop") return send();
-  const answer = previous.then(send);
-  previous = answer.catch(() => {});
+  const body = JSON.stringify({ command: name, arguments: args.map(String), seen_ms: seenMs });
+  const send = () => post(body);
+  if (name === "stop" || name === "land") {
+    drops += 1;
+    return send();
+  }
+  const dropsBefore = drops;
+  const answer = previous.then(() => {
+    if (drops !== dropsBefore) throw new Refused(409, `${name}: not sent; press again`);
+    return send();
+  });
+  previous = answer.catch((error) => {
+    if (!(error instanceof Refused)) drops += 1;
+  });
   return answer;
+}
+
+async function post(body) {
+  const signal = AbortSignal.timeout(ANSWER_TIMEOUT_MS);
+  return (await (await request("control", { method: "POST", body, signal })).text()).trim();
 }
 
 // Calls `take` with each update, and `begin` before the first one of each connection. Connects again for ever; `tell` is told.
@@ -73,17 +94,23 @@ function visible() {
 async function read(begin, take) {
   const abort = new AbortController();
   document.addEventListener("visibilitychange", () => abort.abort(), { once: true });
-  const response = await request("live", { signal: abort.signal });
+  const start = () => setTimeout(() => abort.abort(), SILENCE_MS);
+  let watchdog = start();
+  const response = await request("live", { signal: abort.signal }).finally(() => clearTimeout(watchdog));
   const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
   begin();
   let rest = "";
   for (;;) {
-    const watchdog = setTimeout(() => abort.abort(), SILENCE_MS);
+    watchdog = start();
     const { done, value } = await reader.read();
     clearTimeout(watchdog);
     if (done) return;
     const lines = (rest + value).split("\n");
     rest = lines.pop();
-    for (const line of lines) take(JSON.parse(line));
+    for (const line of lines) {
+      const update = JSON.parse(line);
+      seenMs = update.at_ms;
+      take(update);
+    }
   }
 }

@@ -87,10 +87,11 @@ function live(store, panel) {
   const rate = new Rate();
   let shown = 0;
   follow({
-    begin: () => store.clear(),
+    begin: () => store.begin(),
     take: (update) => {
       store.add(update);
       const now = performance.now();
+      store.noteDelay(update.at_ms, now);
       const updates = rate.count(now);
       if (update.status) {
         store.setAge("ticks", update.status.silence_s);
@@ -100,7 +101,8 @@ function live(store, panel) {
         else notice("");
         const silence = update.status.silence_s;
         const hasDaemon = update.status.processes.some(({ heard }) => heard?.daemon);
-        if (silence === null) tell(hasDaemon ? "waiting for the first tick" : "no daemon runs", "warning");
+        if (store.isBehind()) tell(`${store.lag.toFixed(0)} s behind`, "bad");
+        else if (silence === null) tell(hasDaemon ? "waiting for the first tick" : "no daemon runs", "warning");
         else if (silence > 1) tell(`no tick for ${silence.toFixed(0)} s`, "bad");
         else if (now - shown > 900) tell(`live · ${updates} updates/s`, "good");
         if (silence !== null && silence <= 1 && now - shown > 900) shown = now;

@@ -66,7 +66,7 @@ export class Panel {
     const words = [mode, phase].filter((word) => word).filter((word, i, all) => all.indexOf(word) === i);
     show("state", (!isSilent && this.scene.states[state]) || "unknown");
     show("mode", isSilent ? "–" : words.join(" · "));
-    show("cause", isSilent ? "the daemon is silent" : this.scene.causes[row[column.cause]] ?? "");
+    show("cause", isSilent ? (this.store.isBehind() ? "the page is behind" : "the daemon is silent") : this.scene.causes[row[column.cause]] ?? "");
     element("state").parentElement.className = `card state ${isSilent ? "" : MOOD[state] ?? "bad"}`;
   }
 

@@ -6,6 +6,8 @@ const MOST_EVENTS = 500;
 const SILENT_S = 1;
 // Time without an update after which nothing is known of the present state.
 const UPDATE_TIMEOUT_MS = 2500;
+// Greatest difference of the rates of two clocks.
+const CLOCK_DRIFT = 1e-4;
 
 // Time without a value that a line does not cross, where every row is shown [s].
 const GAP_S = 0.25;
@@ -17,7 +19,7 @@ export class Store {
     this.isBounded = scene.is_live;
     this.gap = GAP_S;
     this.ages = { ticks: { age: null, at: 0 }, vehicles: { age: null, at: 0 } };
-    this.clear();
+    this.begin();
   }
 
   clear() {
@@ -26,6 +28,27 @@ export class Store {
     this.events = [];
     this.version = 0;
     this.isTrue = false;
+  }
+
+  // Begins with the updates of another connection.
+  begin() {
+    this.clear();
+    // Delay of the newest update beyond that of the fastest one [s].
+    this.lag = 0;
+    this.fastest = { offset: Infinity, at: 0 };
+  }
+
+  // Records that an update made at `madeAt`, by the server's clock, was received at `now` [ms].
+  noteDelay(madeAt, now) {
+    const { offset, at } = this.fastest;
+    const drifted = offset + (now - at) * CLOCK_DRIFT;
+    this.fastest = { offset: Math.min(now - madeAt, drifted), at: now };
+    this.lag = (now - madeAt - this.fastest.offset) / 1000;
+  }
+
+  // Whether the updates that arrive now describe an earlier state: something between server and page, such as ssh, stores them.
+  isBehind() {
+    return this.lag > SILENT_S;
   }
 
   // Adds an update, of which one row in `thinning` is there; a gap of thinned rows is also a row without values.
@@ -54,10 +77,10 @@ export class Store {
   // Whether the newest of these rows does not describe the present state of an instance.
   isSilent(rows) {
     const { age, at } = this.ages[rows];
-    return this.isBounded && (age === null || age > SILENT_S || performance.now() - at > UPDATE_TIMEOUT_MS);
+    return this.isBounded && (this.isBehind() || age === null || age > SILENT_S || performance.now() - at > UPDATE_TIMEOUT_MS);
   }
 
-  // Whether the position of a tick is neither the truth nor from a recent pose.
+  // Whether the position of a tick is neither the truth nor from a recent pose; it is null before the first pose.
   isOld(tick) {
     return !tick[this.tick.truth] && tick[this.tick.age] > SILENT_S * 1000;
   }

@@ -3,6 +3,8 @@
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use oqtal_bus::time::Time;
+
 use crate::collect::Collected;
 use crate::history::History;
 use crate::live::{LiveStatus, line};
@@ -20,20 +22,23 @@ pub struct Hub {
 struct Shared {
     history: History,
     status: Option<LiveStatus>,
+    /// Instant of the newest update.
+    at: Time,
     pages: Vec<SyncSender<Arc<str>>>,
 }
 
 impl Hub {
-    /// Sends the collected rows and events, and a new status, to all pages.
-    pub fn publish(&self, collected: &Collected, status: Option<LiveStatus>) {
+    /// Sends the rows and events collected at `at`, and a new status, to all pages.
+    pub fn publish(&self, at: Time, collected: &Collected, status: Option<LiveStatus>) {
         let mut shared = self.lock();
         shared.history.add(collected);
         let is_news = !collected.is_empty() || status.is_some();
         if is_news && !shared.pages.is_empty() {
-            let update: Arc<str> = line(collected, status.as_ref()).into();
+            let update: Arc<str> = line(at, collected, status.as_ref()).into();
             shared.pages.retain(|page| page.try_send(Arc::clone(&update)).is_ok());
         }
         shared.status = status.or(shared.status.take());
+        shared.at = at;
     }
 
     /// Opens a page; its first line is the history. The stream ends when the page is too slow.
@@ -41,7 +46,7 @@ impl Hub {
         let (page, updates) = sync_channel(MOST_WAITING);
         let mut shared = self.lock();
         shared.pages.push(page);
-        (line(&shared.history.collected(), shared.status.as_ref()), updates)
+        (line(shared.at, &shared.history.collected(), shared.status.as_ref()), updates)
     }
 
     /// Number of open pages \[-\].
@@ -68,9 +73,9 @@ mod tests {
     #[test]
     fn a_page_sees_the_past_and_then_every_update() {
         let hub = Hub::default();
-        hub.publish(&tick(1.0), None);
+        hub.publish(Time::VIRTUAL_START, &tick(1.0), None);
         let (past, updates) = hub.subscribe();
-        hub.publish(&tick(2.0), None);
+        hub.publish(Time::VIRTUAL_START, &tick(2.0), None);
         let update = updates.try_recv().unwrap();
         assert!(past.contains("[1.0,") && update.contains("[2.0,"), "{past}{update}");
     }
@@ -81,7 +86,7 @@ mod tests {
         let (_, asleep) = hub.subscribe();
         let (_, awake) = hub.subscribe();
         for _ in 0..=MOST_WAITING {
-            hub.publish(&tick(1.0), None);
+            hub.publish(Time::VIRTUAL_START, &tick(1.0), None);
             awake.try_recv().unwrap();
         }
         assert_eq!(hub.pages(), 1);

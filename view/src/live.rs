@@ -16,6 +16,8 @@ const MOST_ROWS: usize = 240;
 /// Time between two updates of the status.
 const STATUS_PERIOD: Span = Span::from_millis(250);
 
+/// Number of nanoseconds in a millisecond, the unit of the pages' times.
+pub const NANOS_PER_MS: u64 = 1_000_000;
 /// Age of a message above which it does not describe the present state.
 const SILENT: Span = Span::from_millis(1000);
 
@@ -47,15 +49,17 @@ pub struct LiveStatus {
 /// Update for a page, as one line.
 #[derive(Serialize)]
 struct Line<'a> {
+    /// Instant at which it was made, by the clock of this machine \[ms\].
+    at_ms: u64,
     #[serde(flatten)]
     collected: &'a Collected,
     #[serde(skip_serializing_if = "Option::is_none")]
     status: Option<&'a LiveStatus>,
 }
 
-/// An update as a line of JSON.
-pub fn line(collected: &Collected, status: Option<&LiveStatus>) -> String {
-    let line = Line { collected, status };
+/// An update made at `at` as a line of JSON.
+pub fn line(at: Time, collected: &Collected, status: Option<&LiveStatus>) -> String {
+    let line = Line { at_ms: at.nanos() / NANOS_PER_MS, collected, status };
     let text = serde_json::to_string(&line).expect("rows, events and status are plain JSON");
     text + "\n"
 }
@@ -145,10 +149,11 @@ mod tests {
         let reception = Reception { received_at: now, ..Reception::default() };
         view.sample(&reception, Sample::Telemetry(&tick));
         let (collected, status) = view.take(now);
-        let text = line(&collected, status.as_ref());
+        let text = line(now, &collected, status.as_ref());
         assert_eq!(text.matches('\n').count(), 1);
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(json["ticks"].as_array().unwrap().len(), 1);
+        assert_eq!(json["at_ms"], 1000);
         assert_eq!(json["ticks"][0][11], serde_json::Value::Null, "no error on the ground");
         assert!(json["status"]["obstacles"][0].is_string(), "{json}");
         assert!(view.take(now + Span::from_millis(100)).1.is_none());

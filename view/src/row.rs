@@ -7,9 +7,10 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_observe::flight::FlightSample;
 use oqtal_observe::latency::{AIR, HOPS, OnwardTime, WIRE, hops, sensor_to_actuator};
 
-/// Names of the columns of a [`TickRow`]: time since the origin \[s\]; position \[m, world\]; attitude, scalar last; reference
-/// position \[m, world\]; magnitudes of the errors \[m, m/s, deg\]; command by axis and collective thrust; age of the pose \[ms\];
-/// codes of mode, state, cause and phase; counters; whether position and errors are of the truth, not of the estimate.
+/// Names of the columns of a [`TickRow`]: time since the origin \[s\]; position \[m, world\] and attitude, scalar last, both
+/// non-finite before the first pose unless the truth is known; reference position \[m, world\]; magnitudes of the errors
+/// \[m, m/s, deg\]; command by axis and collective thrust; age of the pose \[ms\]; codes of mode, state, cause and phase; counters;
+/// whether position and errors are of the truth, not of the estimate.
 pub const TICK_COLUMNS: [&str; 27] = [
     "t", "x", "y", "z", "qx", "qy", "qz", "qw", "rx", "ry", "rz", "position", "velocity",
     "attitude", "roll", "pitch", "yaw", "thrust", "age", "mode", "state", "cause", "phase",
@@ -40,8 +41,11 @@ pub type VehicleRow = [f64; VEHICLE_COLUMNS.len()];
 /// The row of a tick; `t_s` is its time since the origin.
 pub fn tick(t_s: f64, sample: &FlightSample, interface: Interface) -> TickRow {
     let telemetry = &sample.telemetry;
-    let [x, y, z] = sample.position().map(|value| rounded(value, 4)).into();
-    let [qx, qy, qz, qw] = sample.attitude().xyzw().map(|value| rounded(value, 4));
+    // Before the first pose the estimate is its initial value, not a motion of the vehicle.
+    let is_known = sample.truth.is_some() || telemetry.pose_age_s.is_finite();
+    let known = |value: f64| if is_known { rounded(value, 4) } else { f64::NAN };
+    let [x, y, z] = sample.position().map(known).into();
+    let [qx, qy, qz, qw] = sample.attitude().xyzw().map(known);
     let [rx, ry, rz] = telemetry.reference_position.map(|value| rounded(value, 4));
     let [roll, pitch, yaw] = command(sample, interface).map(|value| rounded(value, 4));
     // Without poses the estimate stays where it was.
@@ -136,7 +140,18 @@ fn rounded(value: f64, decimals: i32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_bus::message::Stamps;
+    use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
+
+    #[test]
+    fn before_the_first_pose_there_is_a_position_only_of_the_truth() {
+        let telemetry = TelemetryV1 { pose_age_s: f64::NAN, ..TelemetryV1::default() };
+        let motion = |truth| {
+            let sample = FlightSample { telemetry, truth };
+            tick(0.0, &sample, Interface::Rate)[1..8].to_vec()
+        };
+        assert!(motion(None).iter().all(|value| value.is_nan()));
+        assert!(motion(Some(TruthV1::default()))[..3].iter().all(|value| *value == 0.0));
+    }
 
     #[test]
     fn the_hops_of_a_row_add_up_to_the_whole() {

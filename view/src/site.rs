@@ -3,11 +3,13 @@
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use oqtal_bus::time::Time;
 use serde::Deserialize;
 
 use crate::access::Access;
 use crate::assets;
 use crate::hub::Hub;
+use crate::live::NANOS_PER_MS;
 use crate::request::Request;
 use crate::response::Response;
 use crate::scene::SceneDescription;
@@ -33,8 +35,9 @@ const COMMANDS: [&str; 13] = [
 
 /// Executes commands of operators.
 pub trait Operator: fmt::Debug + Send + Sync {
-    /// Executes a command of `oqtal ctl` with its arguments, and returns the reply.
-    fn execute(&self, command: &str, arguments: &[String]) -> OperatorReply;
+    /// Executes a command of `oqtal ctl` with its arguments, and returns the reply. `seen_at`: instant of the newest update that
+    /// the page had when the command was given; unset if it had none.
+    fn execute(&self, command: &str, arguments: &[String], seen_at: Time) -> OperatorReply;
 }
 
 /// Reply to a command.
@@ -79,6 +82,9 @@ struct CommandBody {
     command: String,
     #[serde(default)]
     arguments: Vec<String>,
+    /// `at_ms` of the newest update that the page had when the command was given \[ms\].
+    #[serde(default)]
+    seen_ms: u64,
 }
 
 impl Site {
@@ -139,8 +145,9 @@ impl Site {
         let Subject::Live(_, Some(operator)) = &self.subject else {
             return Err(Response::error(403, "a recording accepts no commands"));
         };
-        let CommandBody { command, arguments } = command(&request.body)?;
-        let OperatorReply { is_accepted, text } = operator.execute(&command, &arguments);
+        let CommandBody { command, arguments, seen_ms } = command(&request.body)?;
+        let seen_at = Time::from_nanos(seen_ms.saturating_mul(NANOS_PER_MS));
+        let OperatorReply { is_accepted, text } = operator.execute(&command, &arguments, seen_at);
         let status = if is_accepted { 200 } else { 409 };
         Ok(Response { status, ..Response::error(status, &text) })
     }
@@ -155,9 +162,9 @@ fn command(body: &[u8]) -> Result<CommandBody, Response> {
     let parsed: Option<CommandBody> = serde_json::from_slice(body).ok();
     let known = parsed.filter(|body| COMMANDS.contains(&&*body.command));
     known.ok_or_else(|| {
-        let example = r#"{"command": "goto", "arguments": ["0", "0", "1"]}"#;
+        let example = r#"{"command": "goto", "arguments": ["0", "0", "1"], "seen_ms": 5000}"#;
         let names = COMMANDS.join(", ");
-        Response::error(400, &format!("a command has the form {example}; commands: {names}"))
+        Response::error(400, &format!("a command has the form {example}, with at_ms of the newest update; commands: {names}"))
     })
 }
 
@@ -170,9 +177,10 @@ mod tests {
     struct Echo;
 
     impl Operator for Echo {
-        fn execute(&self, command: &str, arguments: &[String]) -> OperatorReply {
+        fn execute(&self, command: &str, arguments: &[String], seen_at: Time) -> OperatorReply {
             let text = format!("{command} {}", arguments.join(" "));
-            OperatorReply { is_accepted: command != "land", text }
+            let is_accepted = command != "land" && seen_at == Time::VIRTUAL_START;
+            OperatorReply { is_accepted, text }
         }
     }
 
@@ -220,9 +228,11 @@ mod tests {
     fn commands_are_executed_and_a_refusal_is_reported() {
         let post = |site: &Site, body: &str| status(site, &request("POST", "/control", body));
         let with = site(true);
-        assert_eq!(post(&with, r#"{"command": "arm"}"#), 200);
-        assert_eq!(post(&with, r#"{"command": "land"}"#), 409);
-        assert_eq!(post(&with, r#"{"command": "goto", "arguments": ["0", "0", "1"]}"#), 200);
+        assert_eq!(post(&with, r#"{"command": "arm", "seen_ms": 1000}"#), 200);
+        assert_eq!(post(&with, r#"{"command": "land", "seen_ms": 1000}"#), 409);
+        assert_eq!(post(&with, r#"{"command": "arm"}"#), 409, "without the time of an update");
+        let goto = r#"{"command": "goto", "arguments": ["0", "0", "1"], "seen_ms": 1000}"#;
+        assert_eq!(post(&with, goto), 200);
         for wrong in ["", "arm", r#"{"command": "reload"}"#, r#"{"command": "arm", "x": 1}"#] {
             assert_eq!(post(&with, wrong), 400, "{wrong}");
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_view::access::Access;
 use oqtal_view::collect::{Collected, EventMood, ViewedEvent};
@@ -22,7 +23,7 @@ const TOKEN: &str = "Authorization: Bearer secret\r\n";
 struct Echo;
 
 impl Operator for Echo {
-    fn execute(&self, command: &str, _: &[String]) -> OperatorReply {
+    fn execute(&self, command: &str, _: &[String], _: Time) -> OperatorReply {
         OperatorReply { is_accepted: true, text: command.to_owned() }
     }
 }
@@ -84,13 +85,13 @@ fn a_page_that_does_not_read_is_cut_off_while_another_reads_on() {
     let mut line = String::new();
     // Until the kernel's buffers and the queue of the sleeping page are full.
     while hub.pages() == 2 {
-        hub.publish(&large(), None);
+        hub.publish(Time::UNSET, &large(), None);
         line.clear();
         awake.read_line(&mut line).unwrap();
         assert!(line.contains("aaaa"), "{line}");
     }
     assert_eq!(hub.pages(), 1);
-    hub.publish(&large(), None);
+    hub.publish(Time::UNSET, &large(), None);
     assert!(awake.read_line(&mut line).unwrap() > 20_000);
     drop(asleep);
 }
@@ -170,7 +171,7 @@ fn the_oldest_page_without_the_token_makes_room_and_one_with_the_token_stays() {
     let address = start(&hub);
     let mut holder = follow_with(address, TOKEN);
     let mut pages: Vec<_> = (0..48).map(|_| follow(address)).collect();
-    hub.publish(&large(), None);
+    hub.publish(Time::UNSET, &large(), None);
     let read = |page: &mut BufReader<TcpStream>| {
         let mut line = String::new();
         let _ = page.read_line(&mut line);
