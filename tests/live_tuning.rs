@@ -1,5 +1,7 @@
 //! `oqtal tune --live` on running processes.
 
+use rustix::process::Signal;
+
 use crate::common::{SERVICES, Testbed, stderr, wait_for};
 
 /// A hover with a vehicle that is heavier and slower than configured.
@@ -30,6 +32,7 @@ fn a_vehicle_that_hovers_is_tuned_and_hovers_better() {
         hover.status.success().then_some(())
     });
 
+    ends_the_excitation_when_interrupted(&testbed);
     let output = testbed.oqtal(&tune).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
     let text = String::from_utf8(output.stdout).unwrap();
@@ -46,4 +49,17 @@ fn a_vehicle_that_hovers_is_tuned_and_hovers_better() {
     let changed = String::from_utf8(changed.stdout).unwrap();
     assert!(changed.contains("\ncontrol.oqtal.attitude-weight="), "{changed}");
     testbed.refuses(&tune, 64, &["tuned/excitation.mcap", "--out"]);
+}
+
+fn ends_the_excitation_when_interrupted(testbed: &Testbed) {
+    let course = || {
+        let answer = testbed.oqtal(&["ctl", "get"]).output().unwrap();
+        String::from_utf8(answer.stdout).unwrap()
+    };
+    let tuning = testbed.start(&["tune", "--live", "--out", "interrupted"]);
+    wait_for("excitation", || course().contains("brief-excitation").then_some(()));
+    tuning.signal(Signal::INT);
+    let output = tuning.wait();
+    assert!(stderr(&output).contains("a hover was requested and accepted"), "{}", stderr(&output));
+    assert!(course().contains("hover"), "{}", course());
 }

@@ -13,6 +13,10 @@ use oqtal_observe::recording::McapRecorder;
 use oqtal_observe::sink::{Reception, Sink, Tee};
 use oqtal_runtime::process::{Exit, Failure};
 
+/// Time in which the vehicle comes to rest, or settles with other gains \[s\].
+pub const SETTLE_S: f64 = 3.0;
+/// Speed below which a reference is at rest along an axis \[m/s\].
+const REST_M_S: f64 = 1e-3;
 /// Polling period.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 /// Time without a tick after which the daemon is silent.
@@ -86,6 +90,11 @@ impl ObservedHover {
         Ok(())
     }
 
+    /// Whether the reference of the newest tick is at rest.
+    pub fn is_at_rest(&self) -> bool {
+        self.ticks.newest.as_ref().is_some_and(|(_, tick)| rests(tick))
+    }
+
     /// Root mean square of the position error over `seconds` \[m\].
     pub fn error_m(&mut self, seconds: f64) -> Result<f64, Failure> {
         self.ticks.squares.clear();
@@ -93,6 +102,11 @@ impl ObservedHover {
         let squares = &self.ticks.squares;
         Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     }
+}
+
+/// Whether the reference of a tick is at rest; its velocity is NaN without a flight.
+fn rests(tick: &TelemetryV1) -> bool {
+    tick.reference_velocity.iter().all(|speed| speed.abs() < REST_M_S)
 }
 
 /// Fails unless the vehicle of the instance that the flags `place` address flies in the state Nominal.
@@ -112,4 +126,18 @@ fn require_nominal(tick: &TelemetryV1, place: &str) -> Result<(), Failure> {
         return Err(Failure::new(Exit::Flight, reason));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reference_that_moves_or_is_missing_is_not_at_rest() {
+        let rests = |speed| {
+            let reference_velocity = [0.0, speed, 0.0];
+            rests(&TelemetryV1 { reference_velocity, ..TelemetryV1::default() })
+        };
+        assert!(rests(0.0) && !rests(-0.05) && !rests(f64::NAN));
+    }
 }

@@ -84,6 +84,7 @@ impl IdentifyArgs {
             return Err(Failure::new(Exit::Usage, reason));
         };
         let flown = first.config_of_longest_flight();
+        say_notes(vehicle_notes(&self.files, &flights));
         let data: Vec<FlightData> = flights.iter().map(FlightData::of).collect();
         let identification = identify(&data, &flown.vehicle, self.scale())?;
         let json = json(&identification, &flown)?;
@@ -218,6 +219,25 @@ pub fn record_notes(flight: &Flight) -> Vec<String> {
     several.into_iter().chain(flight.record_flaws()).collect()
 }
 
+/// Notes on recordings whose `[vehicle]` differs from that of the first, by which all are identified; `files` are their names.
+fn vehicle_notes(files: &[PathBuf], flights: &[Flight]) -> Vec<String> {
+    let configs: Vec<Config> = flights.iter().map(Flight::config_of_longest_flight).collect();
+    let note = |(file, config): (&PathBuf, &Config)| {
+        let differences = configs[0].described_differences(config);
+        let of_vehicle: Vec<_> =
+            differences.iter().filter(|it| it.starts_with("vehicle.")).map(|it| &**it).collect();
+        (!of_vehicle.is_empty()).then(|| {
+            format!(
+                "{}: another [vehicle] than that of the first recording, with which all are identified: {}; if the vehicle itself was \
+                 changed, identify each alone",
+                file.display(),
+                of_vehicle.join(", ")
+            )
+        })
+    };
+    files.iter().zip(&configs).skip(1).filter_map(note).collect()
+}
+
 /// A result of flights of `config` as a document.
 fn json(value: &impl serde::Serialize, config: &Config) -> Result<String, Failure> {
     let document = serde_json::to_value(value);
@@ -240,4 +260,21 @@ fn within(text: &str, (least, most): (f64, f64), unit: &str) -> Result<f64, Stri
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     let is_within = (least..=most).contains(&value);
     is_within.then_some(value).ok_or_else(|| format!("not within {least} to {most} {unit}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recordings_with_another_vehicle_than_the_first_are_noted() {
+        let flight = |mass_kg: f64| {
+            let mass = Setting::flag("test", "vehicle.mass-kg", mass_kg);
+            Flight::new(&Config::from_settings(&[mass]).unwrap())
+        };
+        let files = ["a.mcap", "b.mcap", "c.mcap"].map(PathBuf::from);
+        let notes = vehicle_notes(&files, &[flight(0.5), flight(0.5), flight(0.6)]);
+        let [note] = notes.as_slice() else { panic!("{notes:?}") };
+        assert!(note.starts_with("c.mcap: ") && note.contains("vehicle.mass-kg=0.6"), "{note}");
+    }
 }

@@ -70,7 +70,7 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     lines.extend(other_optima("translation", &lifting.starts, &lifting.fit));
     let hidden = identification.findings.iter().find(|f| f.name == rules::HIDDEN_DELAY.name);
     if hidden.is_some_and(|hidden| hidden.value + hidden.half_width < 0.0) {
-        let effect = "part of the delay is counted as rate lag; their sum is right";
+        let effect = "part of the delay is counted as rate lag; their sum is right if roll and pitch have equal lags";
         lines.push(format!("commands seem to act before their stamps: {effect}"));
     }
     lines.extend(of_thrust(identification));

@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Complex;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
 use oqtal_observe::flight::Flight;
 use oqtal_runtime::process::{Exit, Failure};
@@ -127,7 +127,9 @@ fn at(config: &Config, axis: usize, hertz: f64) -> Result<Complex<f64>, Failure>
 /// Loop gain of the flight; `None` unless the sticks follow the sine alone, as those of an unstable loop do not.
 fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
     let applied = flight.applied.last()?.stamps;
-    let delay = applied.applied_at.since(applied.command_published_at);
+    // The sine is added when a command acts, which is later than its stamp.
+    let hidden = Span::from_seconds(1e-3 * flight.config.plant.hidden_delay_ms);
+    let delay = applied.applied_at.since(applied.command_published_at) + hidden;
     let begin =
         flight.scored().next()?.telemetry.time.since(Time::VIRTUAL_START).seconds() + TRANSIENT_S;
     let (mut commanded, mut acting) = (Complex::from(0.0), Complex::from(0.0));

@@ -12,7 +12,7 @@ use super::trade::MetricWeights;
 use super::tuned::LIVE;
 use crate::identify::command::check_interface;
 use crate::identify::data::FlightData;
-use crate::identify::finding::rules;
+use crate::identify::finding::{ParameterFinding, rules};
 use crate::identify::identification::{Identification, Scale, identify};
 use crate::progress::Progress;
 use crate::study::TRAINING_SEEDS;
@@ -60,6 +60,16 @@ const NOISE: [(&str, &str); 2] = [
     (rules::POSITION_NOISE.name, "mocap.position-noise-mm"),
 ];
 
+/// Names of the parameters that must be determined before gains are applied: margins depend on them.
+const NEEDED: [&str; 5] = [
+    rules::DELAY.name,
+    rules::RATE_LAG.name,
+    rules::AUTHORITY[0].name,
+    rules::AUTHORITY[1].name,
+    // As well determined as the thrust over the mass, of which it is a multiple.
+    rules::THRUST.name,
+];
+
 /// Gains for a vehicle in flight, with what was found about it.
 #[derive(Debug)]
 pub struct LiveTuning {
@@ -77,6 +87,12 @@ pub fn identified(flight: &Flight, present: &[Setting]) -> Result<Identification
     let config = Config::from_settings(present)?;
     check_interface(&config)?;
     identify(&[FlightData::of(flight)], &config.vehicle, Scale::Unknown)
+}
+
+/// Names of the parameters on which margins depend and that the flight does not determine: the search takes those of `[vehicle]`.
+pub fn undetermined(findings: &[ParameterFinding]) -> Vec<&'static str> {
+    let is_needed = |it: &&ParameterFinding| NEEDED.contains(&it.name) && !it.is_shown();
+    findings.iter().filter(is_needed).map(|finding| finding.name).collect()
 }
 
 /// Gains for the vehicle of [`identified`], with the law and the settings `present` of its daemon, and these weights of the objective, which
@@ -180,8 +196,23 @@ fn settings_of(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identify::finding::FindingRule;
     use crate::mission::Mission;
     use crate::simulation;
+
+    const RULES: [FindingRule; 8] = {
+        let [roll, pitch, yaw] = rules::AUTHORITY;
+        [
+            rules::DELAY,
+            rules::RATE_LAG,
+            roll,
+            pitch,
+            yaw,
+            rules::THRUST,
+            rules::THRUST_LAG,
+            rules::DRAG,
+        ]
+    };
 
     #[test]
     fn a_training_hover_is_scored_for_at_least_ten_seconds() {
@@ -191,6 +222,14 @@ mod tests {
         let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
         let scored_s = flight.scored().count() as f64 / rate_hz;
         assert!(scored_s >= 10.0, "{scored_s} s");
+    }
+
+    #[test]
+    fn parameters_on_which_no_margin_depends_may_be_undetermined() {
+        let narrow = RULES.map(|rule| rule.found(10.0, 1e-3, Some(9.0)));
+        assert_eq!(undetermined(&narrow), [""; 0]);
+        let wide = RULES.map(|rule| rule.found(10.0, 1e3, Some(9.0)));
+        assert_eq!(undetermined(&wide), NEEDED);
     }
 
     #[test]
