@@ -3,7 +3,7 @@
 
 mod text;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use crate::common::sources::{Source, assert_none, read, root, sources};
@@ -15,7 +15,7 @@ use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
 use oqtal_runtime::process::Exit;
-use text::{Table, cited_equations, cited_errata, errata, has_word, links, numbers, quoted};
+use text::{Row, Table, cited_equations, cited_errata, errata, has_word, links, numbers, quoted};
 
 /// Every Markdown file at the root and in `docs`, except the generated ones.
 fn documents() -> Vec<String> {
@@ -345,4 +345,36 @@ fn the_mathematics_touches_no_clock_file_network_thread_or_environment() {
         .map(|file| file.path)
         .collect();
     assert_none("the mathematics is not pure", &wrong);
+}
+
+/// A page refreshed in part mixes figures of two versions of the program: tables of the same flights then differ.
+#[test]
+fn the_tables_of_the_published_square_are_of_one_run() {
+    let page = read("docs/reproduction.md");
+    assert!(!page.contains("NaN"), "a text names a row that its table does not have");
+    let tables = Table::all(&page);
+    let tuned = |table: &Table| -> BTreeMap<String, Row> {
+        let rows = table.rows().filter(|row| row["settings"] == "tuned alike, deploy/tuned");
+        rows.map(|row| (row["controller"].clone(), row)).collect()
+    };
+    let square = tables.iter().filter(|table| table.has("max q is")).map(tuned);
+    let square: Vec<BTreeMap<String, Row>> = square.filter(|laws| !laws.is_empty()).collect();
+    let [nominal, mismatched @ ..] = &square[..] else { panic!("the square is missing") };
+    assert_eq!(mismatched.len(), 5);
+    let is_intervals = |table: &&Table| table.has("hover RMS [mm]") && !table.has("settings");
+    let intervals = tables.iter().find(is_intervals).expect("a table of intervals");
+    let mut wrong = Vec::new();
+    for row in intervals.rows() {
+        let law = &row["controller"];
+        for column in ["hover RMS [mm]", "overshoot [mm]", "jitter [rad/s]", "chirp 4° RMS [°]"] {
+            let mean = row[column].split(" ±").next().unwrap_or_default();
+            if nominal[law][column] != mean {
+                wrong.push(format!("{law}, {column}: {} and {mean}", nominal[law][column]));
+            }
+        }
+        let max_q = |laws: &BTreeMap<String, Row>| laws[law]["max q"].clone();
+        let differs = |laws: &&BTreeMap<String, Row>| max_q(laws) != max_q(nominal);
+        wrong.extend(mismatched.iter().filter(differs).map(|_| format!("{law}: max q")));
+    }
+    assert_none("tables of docs/reproduction.md are of different runs", &wrong);
 }

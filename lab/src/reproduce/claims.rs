@@ -112,6 +112,29 @@ mod tests {
     }
 
     #[test]
+    fn oqtal_is_ahead_only_if_it_is_so_of_laws_with_the_rate_of_the_reference_too() {
+        let columns = ["position_error", "quaternion_error_norm", "effort_norm", "riccati_solves"]
+            .map(|key| (key, ""));
+        let row = |variant, law: &str, settings: &str, figure: f64| {
+            let cells = columns.map(|_| SheetCell::Number(figure)).to_vec();
+            SheetRow::new(variant, law, settings, cells)
+        };
+        let verdict = |rival: f64| {
+            let (printed, ours) = (Variant::AsPrinted, Variant::Ours);
+            let rows = vec![
+                row(printed, "pid", "", 3.0),
+                row(printed, "lqr", "60 Hz hold, centred cells", 3.0),
+                row(printed, "oqtal", "60 Hz hold, centred cells", 2.0),
+                row(ours, "pid", "omega_e", rival),
+                row(ours, "lqr", "rate error", rival),
+            ];
+            evaluated("IV", &columns, rows)[0].verdict
+        };
+        assert_eq!(verdict(2.5), ClaimVerdict::Holds);
+        assert_eq!(verdict(1.5), ClaimVerdict::InPart);
+    }
+
+    #[test]
     fn the_reduction_of_the_abstract_is_decided_by_every_figure() {
         let columns = ["position_error_m", "velocity_error_m_s", "attitude_error_deg", "max_q"]
             .map(|key| (key, ""));

@@ -67,6 +67,13 @@ fn cases() -> Vec<OptionCase> {
     cases
 }
 
+fn variant(options: &OqtalOptions) -> Variant {
+    let is_printed = matches!(options.jacobian, Jacobian::Printed45 | Jacobian::Printed75)
+        && options.resolve != Resolve::EveryTick
+        && !options.feed_forward;
+    if is_printed { Variant::AsPrinted } else { Variant::Ours }
+}
+
 const JACOBIANS: [(Jacobian, &str); 5] = [
     (Jacobian::Decoupled, "decoupled"),
     (Jacobian::Printed45, "printed-45"),
@@ -99,7 +106,20 @@ fn flown(lander: &Lander, case: &OptionCase) -> Result<SheetRow, Failure> {
         far_effort.into(),
         SheetCell::Count(far.riccati_solves.into()),
     ];
-    let is_ours = case.options.feed_forward || case.options.jacobian == Jacobian::Decoupled;
-    let variant = if is_ours { Variant::Ours } else { Variant::AsPrinted };
-    Ok(SheetRow::new(variant, "oqtal", case.settings.clone(), cells))
+    Ok(SheetRow::new(variant(&case.options), "oqtal", case.settings.clone(), cells))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_options_of_the_paper_count_as_printed() {
+        let printed =
+            cases().into_iter().filter(|case| variant(&case.options) == Variant::AsPrinted);
+        let settings: Vec<String> = printed.map(|case| case.settings).collect();
+        let cells = CELLS.map(|(_, name)| format!("cells {name}"));
+        assert_eq!(settings[..2], ["jacobian printed-45", "jacobian printed-75"]);
+        assert_eq!(settings[2..], cells);
+    }
 }

@@ -30,8 +30,6 @@ pub struct Entry {
     pub options: ControlOptions,
     /// Conditions of the gravity turn.
     pub descent: Descent,
-    /// Weights `[q, r]` of the law's cost \[-\].
-    pub weights: [f64; 2],
 }
 
 /// Wie's PID as printed, with these gains.
@@ -98,17 +96,8 @@ fn entry(
     settings: impl Into<String>,
     options: ControlOptions,
 ) -> Entry {
-    let weights = match options.controller {
-        ControllerName::Pid => [10.0, 1.0],
-        ControllerName::Lqr => [options.lqr.attitude_weight, options.lqr.input_weight],
-        // `mpc` has the weights of `oqtal-dt`.
-        ControllerName::OqtalDt | ControllerName::Mpc => {
-            [options.oqtal_dt.attitude_weight, options.oqtal_dt.input_weight]
-        }
-        _ => [options.oqtal.attitude_weight, options.oqtal.input_weight],
-    };
     let descent = Descent::default();
-    Entry { controller, variant, settings: settings.into(), options, descent, weights }
+    Entry { controller, variant, settings: settings.into(), options, descent }
 }
 
 /// The rules for cells and their names.
@@ -226,18 +215,4 @@ pub fn shipped() -> Vec<Entry> {
         Entry { settings: "shipped gains".to_owned(), options, ..entry }
     };
     each().into_iter().map(shipped).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_cost_of_a_law_has_the_weights_that_it_flies_with() {
-        let entries = table_4();
-        let of = |name| entries.iter().find(|entry| entry.controller == name).unwrap();
-        let weights = of("mpc").options.oqtal_dt;
-        assert_eq!(of("mpc").weights, [weights.attitude_weight, weights.input_weight]);
-        assert_ne!(of("mpc").weights, of("geometric").weights);
-    }
 }

@@ -14,6 +14,8 @@ use crate::sheet::{Sheet, SheetCell, SheetRow};
 
 /// Number of columns.
 const COLUMNS: usize = 7;
+/// Weights of the cost: those of Table III for which the PID of Table IV is tuned, so that the laws can be compared.
+const WEIGHTS: CostWeights = CostWeights { q: 10.0, r: 1.0 };
 
 /// Flies all laws through the gravity turn.
 ///
@@ -23,7 +25,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     let fly = |entry: &Entry| {
         let metrics = lander.fly(&entry.options, &entry.descent, |_| ()).map_err(invalid)?;
         let (name, settings) = (entry.controller, entry.settings.clone());
-        Ok(SheetRow::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
+        Ok(SheetRow::new(entry.variant, name, settings, cells(metrics.as_ref())))
     };
     let flown = progress.each("Table IV", &roster::table_4(), fly)?;
     let values = TextValues::new();
@@ -36,7 +38,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
 }
 
 /// Cells of a descent; empty if the law lost control.
-fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<SheetCell> {
+fn cells(metrics: Option<&TableTwo>) -> Vec<SheetCell> {
     let Some(metrics) = metrics else { return vec![SheetCell::None; COLUMNS] };
     vec![
         metrics.position_error.into(),
@@ -45,6 +47,6 @@ fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<SheetCell> {
         metrics.effort.into(),
         metrics.effort_squared.into(),
         metrics.riccati_solves.into(),
-        metrics.cost(CostWeights { q, r }).into(),
+        metrics.cost(WEIGHTS).into(),
     ]
 }
