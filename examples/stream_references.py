@@ -21,7 +21,7 @@ import time
 RADIUS_M = 0.5
 PERIOD_S = 8.0
 RAMP_S = 2.0
-STATUS_PERIOD_S = 1.0
+STATUS_PERIOD_S = 0.2
 
 
 def angle(t):
@@ -174,7 +174,8 @@ def main():
         parser.error("--udp needs --key FILE")
     gateway = Remote(given.udp, read_key(given.key)) if given.udp else Local(given.socket)
     try:
-        fly_circle(gateway, given)
+        if not fly_circle(gateway, given):
+            raise SystemExit("the daemon followed none of the references: `oqtal ctl status` shows whether the vehicle hovers")
     except OSError as error:
         raise SystemExit(f"the gateway does not receive any more: {error}")
     except KeyboardInterrupt:
@@ -182,9 +183,12 @@ def main():
 
 
 def fly_circle(gateway, given):
-    """Sends references to `gateway` at the rate and for the time of the arguments, and prints each new refusal."""
+    """Sends references to `gateway` at the rate and for the time of the arguments, and prints each new refusal.
+
+    True if the daemon has followed them.
+    """
     begun = due = time.clock_gettime(time.CLOCK_BOOTTIME)
-    asked_at, told = begun, None
+    asked_at, told, followed = begun, None, False
     while due - begun < given.seconds:
         message = reference(due - begun, (0.0, 0.0, 1.0), 2000 / given.rate_hz)
         if not given.udp:
@@ -196,12 +200,14 @@ def fly_circle(gateway, given):
             gateway.send({"version": 1, "request": "status"})
             asked_at += STATUS_PERIOD_S
         while reply := gateway.reply():
+            followed |= "references of a planner" in reply["text"]
             refusal = refusal_in(reply)
             if refusal and refusal != told:
                 print(f"refused: {refusal}", file=sys.stderr)
                 told = refusal
         due += 1 / given.rate_hz
         time.sleep(max(0.0, due - time.clock_gettime(time.CLOCK_BOOTTIME)))
+    return followed
 
 
 def refusal_in(reply):

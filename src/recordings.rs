@@ -57,7 +57,10 @@ pub fn failure(error: RecordingFileError) -> Failure {
 pub fn check(recording: &RecordingResult) -> Result<(), Failure> {
     let RecordingResult { failure, dropped, files, removed, .. } = recording;
     if let Some(failure) = failure {
-        return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
+        return Err(Failure::new(
+            Exit::System,
+            format!("{failure}; free the disk, or record to another one with --out"),
+        ));
     }
     if *dropped > 0 {
         let message = format!("{dropped} messages were not recorded: the disk is too slow");

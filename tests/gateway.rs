@@ -59,6 +59,12 @@ fn flies_half_a_circle(testbed: &Testbed, gateway_words: &[&str], script_words: 
     assert!(output.status.success(), "{}", stderr(&output));
     let summary = json(&flight.wait());
     assert_eq!(summary["outcome"], "landed", "{summary:#}");
+    let output = command.args(["--seconds", "1"]).output().unwrap();
+    assert!(
+        !output.status.success() && stderr(&output).contains("followed none"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 /// A request to a daemon that hangs is answered after seconds.

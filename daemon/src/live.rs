@@ -27,7 +27,7 @@ use crate::refusal::Refusal;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
-use crate::warnings::{quick_warnings, without_effect};
+use crate::warnings::{oscillates, quick_warnings, without_effect};
 use crate::waypoint_file::{self, ReadSettings};
 
 /// Number of changes of settings that can be taken back \[-\].
@@ -251,7 +251,9 @@ impl LiveSettings {
         };
         let before = of(&self.present);
         let new = of(next).into_iter().filter(|told| !before.contains(told));
-        new.chain(without_effect(self.present(), &next.config)).collect()
+        new.chain(without_effect(self.present(), &next.config))
+            .chain(oscillates(&next.config).filter(|_| oscillates(self.present()).is_none()))
+            .collect()
     }
 
     /// Takes the settings of a change that was handed to the loop.

@@ -8,6 +8,7 @@ mod path;
 mod simulated;
 mod steps;
 
+pub(crate) use hover::oscillates;
 pub(crate) use law::without_effect;
 
 use std::ops::RangeInclusive;
@@ -39,7 +40,7 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let mut all = warnings_along(&plan, &samples, config, trajectory);
     if !config.safety.observe_only {
         // Remedies for a step are of no use to a law that oscillates.
-        let flown = hover::oscillates(config);
+        let flown = oscillates(config);
         all.extend(flown.or_else(|| steps::too_far(&plan, &samples, config)));
     }
     all

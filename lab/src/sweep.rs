@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use crate::csv_text;
 use crate::output::{ExistingArgs, StudyOutput, write_file};
 use crate::progress::Progress;
-use crate::study::args::{StudyArgs, parse_seeds, refuse_key_of_study};
+use crate::study::args::{StudyArgs, parse_seeds, refuse_key_of_study, say_notes};
 use crate::study::gains::{self, GainSource};
 use crate::study::law;
 use crate::study::metric::{METRIC, METRICS};
@@ -173,15 +173,13 @@ impl SweepArgs {
         self.axes.iter().try_for_each(|axis| refuse_key_of_study(&axis.key, &axis.key))?;
         let combinations = combinations(&self.axes)?;
         let laws = gains::chosen(&self.laws, &self.gains, settings)?;
+        say_notes(self.rate_notes(&combinations, settings));
         let case = |values: &Vec<toml::Value>| {
             let pairs = self.axes.iter().zip(values);
-            let name = pairs.map(|(axis, value)| format!("{}={}", axis.key, shown(value)));
-            let name = name.collect::<Vec<_>>().join(" ");
-            let mut case = Case::of_seeds(name, self.seeds.clone());
-            for (axis, value) in self.axes.iter().zip(values) {
-                case = case.with(Setting::flag("sweep", &axis.key, value.clone()));
-            }
-            case
+            let names = pairs.map(|(axis, value)| format!("{}={}", axis.key, shown(value)));
+            let name = names.collect::<Vec<_>>().join(" ");
+            let case = Case::of_seeds(name, self.seeds.clone());
+            self.swept(values).into_iter().fold(case, Case::with)
         };
         let cases: Vec<Case> = combinations.iter().map(case).collect();
         let flown = Study { name: "sweep", laws: &laws, cases: &cases }.fly(progress)?;
@@ -191,6 +189,21 @@ impl SweepArgs {
             of_laws.map(row).collect::<Vec<_>>()
         };
         Ok(combinations.iter().enumerate().flat_map(row).collect())
+    }
+
+    /// The settings of a combination.
+    fn swept(&self, values: &[toml::Value]) -> Vec<Setting> {
+        let pairs = self.axes.iter().zip(values);
+        pairs.map(|(axis, value)| Setting::flag("sweep", &axis.key, value.clone())).collect()
+    }
+
+    /// Notes on combinations whose loop acts at another rate than the laws are designed for, unless it is so without them.
+    fn rate_notes(&self, all: &[Vec<toml::Value>], settings: &[Setting]) -> BTreeSet<String> {
+        let config = |own: &[Setting]| Config::from_settings(&[settings, own].concat()).ok();
+        let note = |own: &[Setting]| config(own)?.rate_warning();
+        let known = note(&[]);
+        let notes = all.iter().filter_map(|values| note(&self.swept(values)));
+        notes.filter(|told| known.as_ref() != Some(told)).collect()
     }
 
     fn csv(&self, rows: &[SweepRow]) -> Result<String, Failure> {

@@ -140,7 +140,9 @@ fn goto(base: ControlRequestV1, arguments: &[String]) -> Result<ControlRequestV1
     let mut numbers = [f64::NAN; 4];
     for (number, text) in numbers.iter_mut().zip(arguments) {
         let parsed = text.parse().ok().filter(|value: &f64| value.is_finite());
-        *number = parsed.ok_or_else(|| usage(&format!("`{text}` is not a number")))?;
+        let message =
+            || usage(&format!("`{text}` is not a number: X Y Z are in m, YAW in degrees"));
+        *number = parsed.ok_or_else(message)?;
     }
     let [x, y, z, yaw_deg] = numbers;
     if yaw_deg.abs() > 360.0 {

@@ -85,6 +85,8 @@ enum Unconfirmed {
     Ended,
     /// A daemon runs without a process of its vehicle.
     Missing,
+    /// Its process runs, but has not obeyed.
+    Hangs,
 }
 
 impl Unconfirmed {
@@ -99,7 +101,11 @@ impl Unconfirmed {
         }
         let is_unconfirmed = !raised.reach_every_vehicle() && vehicles().next().is_some();
         let is_readable = vehicles().all(|(process, held)| held.is_ok() || !process.is_running());
-        is_unconfirmed.then_some(if is_readable { Self::Starting } else { Self::Unreadable })
+        match (is_unconfirmed, is_readable) {
+            (true, true) => Some(Self::Starting),
+            (true, false) => Some(Self::Unreadable),
+            (false, _) => vehicles().next().is_some().then_some(Self::Hangs),
+        }
     }
 
     const fn text(self) -> &'static str {
@@ -110,6 +116,10 @@ impl Unconfirmed {
             Self::Starting => {
                 "a vehicle's process was signalled, but its stop words are not open yet, or were shortened: whether it has obeyed cannot be \
                  read; repeat to know"
+            }
+            Self::Hangs => {
+                "the vehicle's process was signalled, but has not obeyed: it hangs, has no port, or virtual time stands still; the stop stays \
+                 raised until it obeys, or until every process of the instance has ended"
             }
             Self::Missing => {
                 "a daemon runs without a process of its vehicle, which may fly; what a vehicle under another root has reported does not count"
@@ -296,7 +306,9 @@ impl ObeyedStop {
         }
         let exit = if self.vehicle_obeys
             || self.another_has_control
-            || self.unconfirmed.is_some_and(|reason| reason != Unconfirmed::Missing)
+            || self
+                .unconfirmed
+                .is_some_and(|it| !matches!(it, Unconfirmed::Missing | Unconfirmed::Hangs))
         {
             Exit::Flight
         } else {
@@ -324,8 +336,7 @@ impl ObeyedStop {
             )
             .into(),
             (false, false) => self.unconfirmed.map_or(
-                "no vehicle has obeyed: neither plant-sim nor bridge runs, or it hangs, or has no port, or virtual time \
-                 stands still; the stop stays raised until it is obeyed, or until every process of the instance has ended",
+                "no vehicle has obeyed: neither plant-sim nor bridge runs; the stop stays raised until every process of the instance has ended",
                 Unconfirmed::text,
             )
             .into(),

@@ -9,24 +9,28 @@ use super::model_flight::ModelFlight;
 /// Displacement at the beginning, and a distance that no law in a stable loop reaches at the end \[m\].
 const DISPLACEMENT_M: f64 = 0.1;
 const ASTRAY_M: f64 = 0.2;
-/// Duration of the hover, and of its last part, in which the distance counts \[s\].
+/// Tilt below which the last part of a hover without noise is at rest \[rad\].
+const TILT_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// Duration of the hover, and of its last part, in which distance and tilt count \[s\].
 const HOVER_S: f64 = 15.0;
 const LAST_S: f64 = 3.0;
 
 /// Warning that the vehicle oscillates in a hover under the configured law.
-pub(super) fn oscillates(config: &Config) -> Option<String> {
+pub(crate) fn oscillates(config: &Config) -> Option<String> {
     let hover = Reference::rest(Vector3::z(), Phase::Trajectory);
     let beside = hover.position + Vector3::x() * DISPLACEMENT_M;
     let start = Reference { position: beside, ..hover };
     let mut flight = ModelFlight::at(&start, 0.0, config)?;
     let period_s = 1.0 / config.loop_rate_hz();
     let ticks = (HOVER_S / period_s) as u64;
-    let mut distance_m = 0.0_f64;
+    let (mut distance_m, mut tilt_rad) = (0.0_f64, 0.0_f64);
     for tick in 1..=ticks {
         let now_s = tick as f64 * period_s;
         match flight.tick(tick, (now_s, period_s), &hover) {
             Some(motion) if now_s > HOVER_S - LAST_S => {
                 distance_m = distance_m.max((motion.position - hover.position).norm());
+                tilt_rad =
+                    tilt_rad.max(motion.attitude.to_world(&Vector3::z()).angle(&Vector3::z()));
             }
             Some(_) => {}
             // The law does not fly the model.
@@ -35,13 +39,13 @@ pub(super) fn oscillates(config: &Config) -> Option<String> {
         }
     }
     let law = config.control.built_in().name();
-    (distance_m > ASTRAY_M).then(|| {
+    (distance_m > ASTRAY_M || tilt_rad > TILT_RAD).then(|| {
         let distance = match distance_m < 10.0 {
-            true => format!("{distance_m:.1} m"),
-            false => "more than 10 m".to_owned(),
+            true => format!("{distance_m:.2} m away and tilts by {:.0} deg", tilt_rad.to_degrees()),
+            false => "more than 10 m away".to_owned(),
         };
         format!(
-            "{law} oscillates with this vehicle: in a hover of its model that begins {DISPLACEMENT_M} m aside, it is {distance} away after {HOVER_S} s; find other gains with `oqtal tune {law}`, or fly oqtal-dt"
+            "{law} oscillates with this vehicle: in a hover of its model that begins {DISPLACEMENT_M} m aside, it is {distance} after {HOVER_S} s; find other gains with `oqtal tune {law}`, or fly oqtal-dt"
         )
     })
 }

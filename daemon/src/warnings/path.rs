@@ -14,7 +14,9 @@ use crate::flyable::least_settle_s;
 /// Jump of the acceleration above which a note is printed \[m/s^2\]: below it, the predictive stack stays within 2 cm of the path.
 const MOST_JUMP_M_S2: f64 = 1.5;
 /// Distance between hover point and first waypoint above which a note is printed \[m\].
-const TOLD_JUMP_M: f64 = 0.5;
+const TOLD_JUMP_M: f64 = 0.05;
+/// Distance beside the hover point within which another height is a remedy \[m\].
+const BESIDE_M: f64 = 0.5;
 
 /// Warning of the greatest acceleration of the reference, if the limit of the tilt does not allow it.
 pub(super) fn too_hard(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
@@ -111,7 +113,7 @@ pub(super) fn jump(plan: &FlightPlan, config: &Config) -> Option<String> {
     let (before, after) = (plan.sample((at - 5e-4).max(0.0)), plan.sample(at + 1e-9));
     let way = after.position - before.position;
     let distance_m = way.norm();
-    let higher = match way.xy().norm() < TOLD_JUMP_M {
+    let higher = match way.xy().norm() < BESIDE_M {
         true => format!(", or set trajectory.height-m to {}", after.position.z),
         false => String::new(),
     };

@@ -296,4 +296,16 @@ fn a_law_that_oscillates_with_its_vehicle_is_told_before_the_flight_and_no_other
     let oscillating = told(&slow).unwrap();
     assert!(oscillating.starts_with("oqtal oscillates with this vehicle"), "{oscillating}");
     assert_eq!(told(&[&slow[..], &["control.controller=oqtal-dt"]].concat()), None);
+    // From limit to limit of the sticks, a few centimetres from the place.
+    let late = [
+        "vehicle.mass-kg=1.15",
+        "vehicle.max-thrust-n=28.0",
+        "vehicle.rate-authority-rad-s=[3.5, 3.5, 2.0]",
+        "vehicle.rate-lag-ms=50.0",
+        "vehicle.command-delay-ms=45.0",
+    ];
+    for (law, oscillates) in [("oqtal", true), ("pid", false), ("oqtal-dt", false)] {
+        let law = format!("control.controller={law}");
+        assert_eq!(told(&[&late[..], &[&law]].concat()).is_some(), oscillates, "{law}");
+    }
 }
