@@ -194,7 +194,7 @@ impl Crtp {
             }
             CrtpReply::LogData { block, values, .. } => {
                 let news = self.status.take(now, (block, values), &self.connection);
-                self.report(news, reply);
+                self.report(now, news, reply);
             }
             CrtpReply::Granted(answer) if answer.is_arming && !answer.granted => {
                 if self.arming.is_disarming() {
@@ -217,12 +217,13 @@ impl Crtp {
         }
     }
 
-    fn report(&mut self, update: StatusUpdate, reply: &mut dyn FnMut(VehicleReply)) {
+    fn report(&mut self, now: Time, update: StatusUpdate, reply: &mut dyn FnMut(VehicleReply)) {
         match update {
             StatusUpdate::Status => {
                 let state = self.status.supervision();
                 reply(VehicleReply::Battery(self.status.battery_v()));
-                reply(VehicleReply::Motors(ReportedMotors::of(self.arming.motors_run(state))));
+                let run = self.arming.motors_run(now, state);
+                reply(VehicleReply::Motors(ReportedMotors::of(run)));
                 reply(VehicleReply::BodyRate(self.status.body_rate()));
                 if arming::obstacle(state).is_some() {
                     self.refuse(reply);
@@ -279,7 +280,11 @@ impl VehicleProtocol for Crtp {
             VehicleSetpoint::Released => return VehicleFrame::EMPTY,
             VehicleSetpoint::StartMotors => self.arming.start(now, state),
             VehicleSetpoint::StopMotors => self.arming.stop(now, state),
-            VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => None,
+            VehicleSetpoint::Fly(_) => {
+                self.arming.fly();
+                None
+            }
+            VehicleSetpoint::Zero => None,
         };
         let sent = match setpoint {
             VehicleSetpoint::Fly(command) => self.scales.setpoint(command),

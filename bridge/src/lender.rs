@@ -180,6 +180,22 @@ mod tests {
         Config::from_settings(&[setting]).unwrap()
     }
 
+    fn directory(name: &str) -> PathBuf {
+        let name = format!("oqtal-lender-{name}-{}", std::process::id());
+        let directory = std::env::temp_dir().join(name);
+        fs::create_dir_all(&directory).unwrap();
+        directory
+    }
+
+    /// A lender at `path`, of a bridge with the key of `config`.
+    fn lender(path: &Path, config: &Config) -> PortLender {
+        let host = HostPort { host: "127.0.0.1".to_owned(), port: 0 };
+        let link = UdpPortOptions::In(host).open().unwrap();
+        let spec = "mavlink:udpin:127.0.0.1:14550".parse().unwrap();
+        let key = options::key_fingerprint(config);
+        PortLender::open(path.to_owned(), spec, key, &*link).unwrap()
+    }
+
     /// Answer of `lender` at `path` to a chain under `config`.
     fn answer(lender: &mut PortLender, path: &Path, config: &Config) -> Result<(), String> {
         std::thread::scope(|threads| {
@@ -195,24 +211,31 @@ mod tests {
 
     #[test]
     fn a_chain_that_signs_with_another_key_than_the_bridge_is_refused() {
-        let directory = std::env::temp_dir().join(format!("oqtal-lender-{}", std::process::id()));
-        fs::create_dir_all(&directory).unwrap();
+        let directory = directory("key");
         let [one, other] = ["ab", "cd"].map(|digits| {
             let path = directory.join(digits);
             fs::write(&path, digits.repeat(32)).unwrap();
             fs::set_permissions(&path, Permissions::from_mode(0o600)).unwrap();
             config_of(&path)
         });
-        let host = HostPort { host: "127.0.0.1".to_owned(), port: 0 };
-        let link = UdpPortOptions::In(host).open().unwrap();
-        let (path, spec) = (directory.join("chain"), "mavlink:udpin:127.0.0.1:14550".parse());
-        let key = options::key_fingerprint(&one);
-        let mut lender = PortLender::open(path.clone(), spec.unwrap(), key, &*link).unwrap();
+        let path = directory.join("chain");
+        let mut lender = lender(&path, &one);
         for config in [&other, &Config::default()] {
             let refusal = answer(&mut lender, &path, config).unwrap_err();
             assert!(refusal.contains("signing-key-file"), "{refusal}");
         }
         assert_eq!(answer(&mut lender, &path, &one), Ok(()));
+        fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn a_chain_gets_the_port_after_the_socket_was_removed() {
+        let (directory, config) = (directory("removed"), Config::default());
+        let path = directory.join("chain");
+        let mut lender = lender(&path, &config);
+        fs::remove_file(&path).unwrap();
+        assert!(lender.poll().is_none());
+        assert_eq!(answer(&mut lender, &path, &config), Ok(()));
         fs::remove_dir_all(&directory).unwrap();
     }
 }

@@ -145,6 +145,11 @@ impl VehicleMonitor {
         }
     }
 
+    /// Time without a valid reply after which the vehicle is silent.
+    pub fn silence(&self) -> Span {
+        self.silence
+    }
+
     /// Whether a valid reply has arrived within the silence time.
     pub fn is_answering(&self, now: Time) -> bool {
         self.received_at.is_set() && now.since(self.received_at) <= self.silence

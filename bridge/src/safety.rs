@@ -246,6 +246,15 @@ impl CommandGate {
         self.status.map(|status| status.motors)
     }
 
+    /// Whether the state of the motors is known at `now`: reported as armed at any time, or as off within `silence` and the status
+    /// time-out. Another host may have started motors that were last reported as off before.
+    pub fn knows_motors(&self, now: Time, silence: Span) -> bool {
+        let age = self.limits.status_age.max(silence);
+        self.status.is_some_and(|status| {
+            status.motors.are_armed() || is_within(now, status.received_at, age)
+        })
+    }
+
     /// Number of commands rejected: past their timeout, stamped in the future, or older than the one before.
     pub fn rejected(&self) -> u64 {
         self.rejected

@@ -171,6 +171,46 @@ fn a_flight_requested_while_the_motors_are_being_stopped_begins_after_the_stop()
     }
 }
 
+/// Until a vehicle reports its motors, the bridge receives the same from one that flies and from one at rest: it reports neither as at
+/// rest.
+#[test]
+fn f18_a_vehicle_that_flies_when_a_bridge_comes_is_not_reported_as_off() {
+    for protocol in PROTOCOLS.iter().chain([&crtp::FLOWN]) {
+        for is_stopped in [false, true] {
+            let mut exchange = Exchange::new(protocol);
+            exchange.vehicle.manual_override(true, false);
+            if is_stopped {
+                exchange.raise_stop();
+            }
+            stays_unreported(&mut exchange, protocol.name);
+        }
+    }
+}
+
+/// Another host may have started the motors meanwhile.
+#[test]
+fn f18_a_vehicle_that_was_silent_is_not_reported_as_off_by_an_earlier_report() {
+    for protocol in &PROTOCOLS {
+        let mut exchange = Exchange::new(protocol);
+        (0..300).for_each(|_| exchange.happen(&Happening::DISARMED, 1).unwrap());
+        assert!(exchange.reports_motors_off(), "{}", protocol.name);
+        exchange.is_silent = true;
+        (0..100).for_each(|_| exchange.happen(&Happening::DISARMED, 1).unwrap());
+        exchange.is_silent = false;
+        exchange.vehicle.manual_override(true, false);
+        stays_unreported(&mut exchange, protocol.name);
+    }
+}
+
+/// Lets five seconds pass; the motors are not reported as off while they run.
+fn stays_unreported(exchange: &mut Exchange, name: &str) {
+    for period in 0..300 {
+        exchange.happen(&Happening::DISARMED, 1).unwrap();
+        let is_wrong = exchange.vehicle.motors_on() && exchange.reports_motors_off();
+        assert!(!is_wrong, "{name}: motors off after {period} periods");
+    }
+}
+
 /// No silence reveals the restart: the new vehicle answers the next frame.
 #[test]
 fn f72_a_vehicle_that_was_restarted_is_not_flown_by_what_was_read_before() {

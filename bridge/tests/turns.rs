@@ -4,6 +4,7 @@ use crate::common::{
     FRAME, PERIOD, START, bridge, flight, header, over, serial, sizes, status, through_radio, turn,
 };
 use oqtal_bridge::{Bridge, LineOccupancy, MAX_FRAME, Note, VehicleFrame, VehicleTransport};
+use oqtal_bus::code::{VehicleLink, VehicleRefusal};
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::asctec::{
@@ -185,6 +186,29 @@ fn motors_without_a_status_count_as_running_while_the_vehicle_answers() {
     assert_eq!((armed(31_000, false), armed(31_001, false)), (1, 0), "silent for a second");
     bridge.receive_bytes(START + Span::from_millis(32_000), &status(0), &mut |_| {});
     assert_eq!(bridge.report(START + Span::from_millis(32_000), None, Span::ZERO).2.armed, 0);
+}
+
+/// Acknowledgements say nothing of the motors, and another host may start them.
+#[test]
+fn motors_are_known_to_be_off_for_a_second_after_a_status() {
+    let mut bridge = bridge();
+    let mut link = |millis: i64, has_status: bool| {
+        let now = START + Span::from_millis(millis);
+        let answer = acknowledgement_frame(Descriptor::ControlInput);
+        bridge.receive_bytes(now, &answer, &mut |_| {});
+        if has_status {
+            bridge.receive_bytes(now, &status(0), &mut |_| {});
+        }
+        turn(&mut bridge, now);
+        let vehicle = bridge.report(now, None, Span::ZERO).2;
+        (VehicleLink::from_code(vehicle.link), VehicleRefusal::from_code(vehicle.refusal))
+    };
+    let known = (Some(VehicleLink::Answers), Some(VehicleRefusal::None));
+    let unknown = (Some(VehicleLink::MotorsUnknown), Some(VehicleRefusal::NotSetUp));
+    link(0, false);
+    assert_eq!([link(100, false), link(200, true)], [unknown, known]);
+    assert_eq!([link(1200, false), link(1201, false)], [known, unknown]);
+    assert_eq!(link(1300, true), known);
 }
 
 #[test]

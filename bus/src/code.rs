@@ -150,6 +150,18 @@ code! {
 }
 
 code! {
+    /// Link to a vehicle.
+    VehicleLink {
+        /// The vehicle does not answer, or its bridge has not been ready for a flight since the port was opened.
+        Silent = 0 => "silent",
+        /// The vehicle answers, and reports the state of its motors.
+        Answers = 1 => "answers",
+        /// The vehicle answers, and does not report the state of its motors: they may run, started by another host.
+        MotorsUnknown = 2 => "answers, motors unknown",
+    }
+}
+
+code! {
     /// Reason for which a vehicle did not execute a request.
     VehicleRefusal {
         /// No refusal since the motors last ran.

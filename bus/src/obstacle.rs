@@ -31,7 +31,7 @@ obstacles! {
     /// Position or attitude changed recently.
     Moving = 1 => "the vehicle moves, or is carried, or its poses are too noisy (by more than 15 mm or 2.9 deg)",
     /// The vehicle is not level.
-    Tilted = 2 => "the vehicle is tilted (set it upright, or restart oqtal plant-sim)",
+    Tilted = 2 => "the vehicle is tilted (set it upright)",
     /// The vehicle is not at the height configured for the floor.
     OffFloor = 3 => "the vehicle is not on the floor (safety.arming-z-m)",
     /// The battery voltage is below the limit of the warning.
@@ -43,7 +43,7 @@ obstacles! {
     /// The vehicle is outside the soft border of the fence.
     OutsideFence = 7 => "the vehicle is outside the fence ([fence])",
     /// The trajectory from here leaves the soft border of the fence.
-    PathOutsideFence = 8 => "the trajectory from here leaves the fence (move the vehicle, or restart oqtal plant-sim, or change [trajectory] or [fence])",
+    PathOutsideFence = 8 => "the trajectory from here leaves the fence (move the vehicle, or change [trajectory] or [fence])",
     /// Processes of the instance run with different configurations.
     Configuration = 9 => "processes run with different configurations",
     /// An operator's stop is in force until the controller has commanded the motors off.

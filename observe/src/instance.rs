@@ -13,7 +13,7 @@ use crate::flight_sample::FlightSample;
 use crate::loop_monitor::LoopMonitor;
 use crate::observed_process::ObservedProcess;
 use crate::sink::{Reception, Sink};
-use crate::status::{InstanceStatus, ProcessHealth, VehicleStatus};
+use crate::status::{InstanceStatus, ProcessHealth, VehicleStatus, reported_motors};
 
 /// Maximum number of stored events \[-\]: more than the height of a terminal.
 const MAX_EVENTS: usize = 200;
@@ -212,11 +212,12 @@ impl InstanceModel {
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
         let newest = Newest { received_at: reception.received_at, body: *vehicle };
         let Some(Newest { body: before, .. }) = self.vehicle.replace(newest) else { return };
-        let is_known = vehicle.link == 1 || vehicle.simulated == 1;
+        let is_known = reported_motors(vehicle).is_some();
         let off = if is_known { "motors off" } else { "motors unknown" };
+        let [was_linked, is_linked] = [before.link, vehicle.link].map(|link| u8::from(link != 0));
         let changes = [
             (before.armed, vehicle.armed, [off, "motors run"]),
-            (before.link, vehicle.link, ["vehicle silent", "vehicle answers"]),
+            (was_linked, is_linked, ["vehicle silent", "vehicle answers"]),
             (before.stopped, vehicle.stopped, ["stop lifted", "vehicle stopped by an operator"]),
         ];
         for (_, now, texts) in changes.into_iter().filter(|(before, now, _)| before != now) {

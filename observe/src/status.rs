@@ -3,7 +3,9 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use oqtal_bus::code::{Cause, ControlHolder, EstimatorState, Mode, SafetyState, VehicleRefusal};
+use oqtal_bus::code::{
+    Cause, ControlHolder, EstimatorState, Mode, SafetyState, VehicleLink, VehicleRefusal,
+};
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
@@ -158,7 +160,7 @@ struct DaemonHealth {
 pub struct VehicleStatus {
     simulated: bool,
     link: bool,
-    /// Whether the motors run; `None` if a real vehicle is silent, whose bridge reports none.
+    /// Whether the motors run; `None` if a real vehicle does not report it, or is silent.
     armed: Option<bool>,
     starting: bool,
     #[serde(skip)]
@@ -181,6 +183,11 @@ pub struct VehicleStatus {
 }
 
 impl VehicleStatus {
+    /// Whether the vehicle is simulated, and commanded over the bus.
+    pub fn is_simulated(&self) -> bool {
+        self.simulated
+    }
+
     /// Whether the motors are known to be off.
     pub fn motors_are_off(&self) -> bool {
         self.armed == Some(false) && !self.starting
@@ -195,12 +202,12 @@ impl VehicleStatus {
     pub fn new(vehicle: &VehicleV1) -> Self {
         let known = |number: f64| number.is_finite().then_some(number);
         let control = ControlHolder::from_code(vehicle.control);
-        let is_told = |it: &ControlHolder| *it != ControlHolder::Nobody || vehicle.armed == 0;
-        let is_known = vehicle.link != 0 || vehicle.armed != 0 || vehicle.simulated != 0;
+        let armed = reported_motors(vehicle);
+        let is_told = |it: &ControlHolder| *it != ControlHolder::Nobody || armed == Some(false);
         Self {
             simulated: vehicle.simulated != 0,
             link: vehicle.link != 0,
-            armed: is_known.then_some(vehicle.armed != 0),
+            armed,
             starting: vehicle.is_starting(),
             is_being_stopped: vehicle.is_being_stopped(),
             stopped: vehicle.stopped != 0,
@@ -215,6 +222,12 @@ impl VehicleStatus {
             text: vehicle.text.as_str().to_owned(),
         }
     }
+}
+
+/// Whether the motors of `vehicle` run; `None` if it does not report it, or is silent.
+pub(crate) fn reported_motors(vehicle: &VehicleV1) -> Option<bool> {
+    let reports = vehicle.link == VehicleLink::Answers.code() || vehicle.simulated != 0;
+    (reports || vehicle.armed != 0).then_some(vehicle.armed != 0)
 }
 
 impl fmt::Display for VehicleStatus {
@@ -368,7 +381,8 @@ mod tests {
     #[test]
     fn nobody_has_control_only_while_the_motors_are_off() {
         let control = |armed, holder: ControlHolder| {
-            let vehicle = VehicleV1 { armed, control: holder.code(), ..VehicleV1::default() };
+            let known = VehicleV1 { link: VehicleLink::Answers.code(), ..VehicleV1::default() };
+            let vehicle = VehicleV1 { armed, control: holder.code(), ..known };
             VehicleStatus::new(&vehicle).control
         };
         assert_eq!(control(0, ControlHolder::Nobody).as_deref(), Some("nobody"));

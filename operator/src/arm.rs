@@ -6,11 +6,13 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Mode, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, VehicleV1};
+use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::VEHICLE;
 use oqtal_bus::transport::{Subscribe, Transport};
 
+use crate::report::put_back;
 use crate::request::{request, send, send_signed};
 
 /// Maximum time for the vehicle to come to rest: a fall from the height of a room, and half a second without motion.
@@ -23,8 +25,8 @@ const BEGIN_TIMEOUT: Span = Span::from_millis(900);
 const PERIOD: Duration = Duration::from_millis(50);
 
 /// Arms by the request `arming`, and returns the daemon's last answer; `None` if there is none. `expected`: hash of the configuration
-/// that the daemon must run with, without settings changed since its start. `tell` receives the reason of a wait; once
-/// `is_cancelled`, a flight that has not begun is called off.
+/// that the daemon must run with, without settings changed since its start. `tell` receives the reason of a wait, and a remedy for a
+/// simulated vehicle; once `is_cancelled`, a flight that has not begun is called off.
 ///
 /// # Errors
 /// The bus refuses.
@@ -60,6 +62,8 @@ pub fn ask(
             return begun(bus, response, is_cancelled);
         }
         if is_last || !response.comes_to_rest() {
+            let remedy = put_back(ArmingObstacles::from_bits(response.obstacles));
+            remedy.filter(|_| simulated == Some(true)).into_iter().for_each(&mut *tell);
             return Ok(Some(response));
         }
         if simulated == Some(true) && !is_reported {

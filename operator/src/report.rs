@@ -44,6 +44,9 @@ pub struct ControlReport {
     position_m: Option<[f64; 3]>,
     /// Whether an operator's stop is in force that the vehicle's process does not obey yet.
     awaits_stop: bool,
+    /// Remedy of the obstacles of a simulated vehicle.
+    #[serde(skip)]
+    put_back: Option<&'static str>,
     /// Flags of a command that addresses the same instance.
     #[serde(skip)]
     place: String,
@@ -61,6 +64,8 @@ impl ControlReport {
         let position_m = status.position_m();
         let InstanceStatus { processes, vehicle, awaits_stop, .. } = status;
         let answer = word(Answer::from_code(response.answer));
+        let obstacles = ArmingObstacles::from_bits(response.obstacles);
+        let is_simulated = vehicle.as_ref().is_some_and(VehicleStatus::is_simulated);
         Self {
             command: command.to_string(),
             effect: match response.answer == Answer::Refused.code() {
@@ -73,10 +78,8 @@ impl ControlReport {
             cause: word(Cause::from_code(response.cause)),
             text: response.text.as_str().to_owned(),
             error: String::new(),
-            obstacles: ArmingObstacles::from_bits(response.obstacles)
-                .iter()
-                .map(|obstacle| obstacle.to_string())
-                .collect(),
+            obstacles: obstacles.iter().map(|obstacle| obstacle.to_string()).collect(),
+            put_back: put_back(obstacles).filter(|_| is_simulated),
             processes,
             config_agrees,
             vehicle,
@@ -200,6 +203,7 @@ impl ControlReport {
         };
         let first = [first].into_iter().chain(text.lines().map(|line| format!("  {line}")));
         let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
+        let against = against.chain(self.put_back.map(|remedy| format!("  {remedy}")));
         first.chain(against).chain(lines.iter().cloned()).collect::<Vec<_>>().join("\n")
     }
 }
@@ -227,6 +231,15 @@ fn needs_status(response: &ControlResponseV1) -> bool {
     use ArmingObstacle::{Configuration, NoPoses, VehicleSilent};
     let obstacles = ArmingObstacles::from_bits(response.obstacles);
     [Configuration, NoPoses, VehicleSilent].into_iter().any(|obstacle| obstacles.contains(obstacle))
+}
+
+/// Remedy of obstacles that a simulated vehicle has where it lies; `None` if there are none.
+pub(crate) fn put_back(obstacles: ArmingObstacles) -> Option<&'static str> {
+    use ArmingObstacle::{OffFloor, OutsideFence, PathOutsideFence, Tilted};
+    let lies_badly = [Tilted, OffFloor, OutsideFence, PathOutsideFence];
+    lies_badly.into_iter().any(|obstacle| obstacles.contains(obstacle)).then_some(
+        "a restart of oqtal plant-sim puts the simulated vehicle back, upright and at its starting point",
+    )
 }
 
 /// Whether it is unknown what the vehicle does.
@@ -274,6 +287,8 @@ fn effect(command: OperatorCommand, response: &ControlResponseV1, answer: &str) 
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::message::VehicleV1;
+
     use super::*;
 
     #[test]
@@ -310,5 +325,20 @@ mod tests {
         let report = ControlReport::new(OperatorCommand::Arm, &response, status, &paths);
         let message = report.check(&response, None).unwrap_err().message;
         assert!(message.contains("a flight has already begun"), "{message}");
+    }
+
+    #[test]
+    fn a_restart_of_the_simulator_is_a_remedy_for_a_simulated_vehicle_only() {
+        let obstacles = ArmingObstacles::default().with(ArmingObstacle::Tilted, true).bits();
+        let response = ControlResponseV1 { obstacles, ..ControlResponseV1::default() };
+        let paths = InstancePaths::new("a", None).unwrap();
+        for simulated in [0, 1] {
+            let vehicle = VehicleStatus::new(&VehicleV1 { simulated, ..VehicleV1::default() });
+            let status = InstanceStatus { vehicle: Some(vehicle), ..InstanceStatus::default() };
+            let report = ControlReport::new(OperatorCommand::Status, &response, status, &paths);
+            let text = report.to_text(&[]);
+            assert!(text.contains("no take-off: the vehicle is tilted"), "{text}");
+            assert_eq!(text.contains("plant-sim"), simulated == 1, "{text}");
+        }
     }
 }

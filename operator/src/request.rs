@@ -279,6 +279,7 @@ fn elsewhere_text(nobody: &str, roots: &[ElsewhereRoot]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::code::VehicleLink;
     use oqtal_bus::message::VehicleV1;
 
     use super::*;
@@ -356,5 +357,9 @@ mod tests {
         let flies = "the vehicle may fly, `oqtal ctl stop --instance a` stops its motors";
         assert_eq!([state(1, 0), state(0, 1)], [flies; 2]);
         assert_eq!(state_of_vehicle(None, "--instance a"), flies, "its state was not seen");
+        let link = VehicleLink::MotorsUnknown.code();
+        let unknown = VehicleStatus::new(&VehicleV1 { link, ..VehicleV1::default() });
+        assert_eq!(state_of_vehicle(Some(&unknown), "--instance a"), flies);
+        assert!(unknown.to_string().starts_with("real, answers, motors unknown"), "{unknown}");
     }
 }

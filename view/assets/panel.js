@@ -76,11 +76,12 @@ export class Panel {
     this.figure("Capture to effect", row[column.whole], (v) => `${significant(v)} ms`);
     const isLow = (v) => v < this.scene.battery_low_v && "warning";
     this.figure("Battery", row[column.battery], (v) => `${v.toFixed(1)} V`, isLow);
-    const answers = row[column.link] === 1;
+    // 2: it answers without reporting its motors.
+    const answers = row[column.link] >= 1;
     const quality = row[column.quality];
     const link = answers ? (quality === null ? "answers" : `${(quality * 100).toFixed(0)} %`) : "silent";
     this.figure("Link", answers ? 1 : 0, () => (isSilent ? "unknown" : link), (v) => !isSilent && v === 0 && "bad");
-    const state = row[column.armed] ? "running" : answers ? "off" : "unknown";
+    const state = row[column.armed] ? "running" : row[column.link] === 1 ? "off" : "unknown";
     const motors = row[column.stopped] ? "stopped" : state;
     this.figure("Motors", 0, () => motors, () => motors === "stopped" && "bad");
   }

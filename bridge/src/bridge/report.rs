@@ -1,6 +1,6 @@
 //! Report of the bridge: the vehicle's state, and the command that was forwarded with its stamps.
 
-use oqtal_bus::code::VehicleRefusal;
+use oqtal_bus::code::{VehicleLink, VehicleRefusal};
 use oqtal_bus::message::{Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 
@@ -24,7 +24,11 @@ impl Bridge {
         let answers = self.is_answering(now);
         let state = self.monitor.state(now);
         let motors_run = answers && self.motors_run();
-        let is_pending = answers && !self.protocol.is_set_up();
+        // Also if a pilot or another station has armed the vehicle.
+        let spools_up = answers && self.gate.last_motors() == Some(ReportedMotors::SpoolingUp);
+        let is_in_sequence = motors_run && self.gate.is_in_sequence();
+        let knows_motors = self.gate.knows_motors(now, self.monitor.silence());
+        let is_pending = answers && !(self.protocol.is_set_up() && knows_motors);
         let vehicle = VehicleV1 {
             command_sequence: self.last_command,
             lost: self.commands_lost,
@@ -32,9 +36,13 @@ impl Bridge {
             air_ns: air.nanos(),
             time_out_s: self.protocol.time_out().map_or(0.0, Span::seconds),
             armed: u8::from(motors_run),
-            starting: u8::from(self.gate.is_starting() || motors_run && self.gate.is_in_sequence()),
+            starting: u8::from(self.gate.is_starting() || is_in_sequence || spools_up),
             stopped: u8::from(self.stopped_since.is_some() && !self.is_released()),
-            link: u8::from(answers && (self.gate.is_ready() || self.gate.is_released())),
+            link: match answers && (self.gate.is_ready() || self.gate.is_released()) {
+                true if knows_motors => VehicleLink::Answers.code(),
+                true => VehicleLink::MotorsUnknown.code(),
+                false => VehicleLink::Silent.code(),
+            },
             control: self.gate.control().code(),
             refusal: match is_pending && state.refusal == VehicleRefusal::None.code() {
                 true => VehicleRefusal::NotSetUp.code(),

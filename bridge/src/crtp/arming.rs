@@ -1,7 +1,8 @@
 //! Starting and stopping the motors of a Crazyflie.
 //!
 //! A vehicle that arms automatically is never disarmed: its motors do not run while no thrust is commanded, and the bridge itself
-//! keeps account of whether they run. Any other vehicle is armed and disarmed. The firmware takes disarming within two seconds
+//! keeps account of whether they run for it. One that counts as flying without thrust of the bridge flies for another host. Any other
+//! vehicle is armed and disarmed. The firmware takes disarming within two seconds
 //! after the last thrust for an accident and locks the vehicle; therefore the zero set-point is sent until the vehicle no longer
 //! counts as flying.
 
@@ -12,12 +13,18 @@ use oqtal_wire::crtp::{CrtpRequest, SUPERVISOR_PROTOCOL, Supervision, Supervisor
 /// Time after which a command to the supervisor is repeated; zero set-points are sent in between.
 const REPEAT: Span = Span::from_millis(200);
 
+/// Time after the end of a flight of the bridge in which the vehicle may still count as flying because of it: 2 s, a constant of its
+/// firmware, and the delay of a report.
+const FLYING_AFTER_STOP: Span = Span::from_millis(2500);
+
 /// Progress of starting and stopping.
 #[derive(Clone, Copy, Debug)]
 pub struct Arming {
     /// Whether the bridge started the motors last, and did not stop them.
     is_started: bool,
     was_started: bool,
+    /// Instant at which the bridge last stopped motors that it had started.
+    stopped_at: Time,
     asked_at: Time,
     /// Whether disarming was requested last.
     is_disarming: bool,
@@ -26,7 +33,13 @@ pub struct Arming {
 impl Arming {
     /// No request has been sent to the vehicle yet.
     pub fn new() -> Self {
-        Self { is_started: false, was_started: false, asked_at: Time::UNSET, is_disarming: false }
+        Self {
+            is_started: false,
+            was_started: false,
+            stopped_at: Time::UNSET,
+            asked_at: Time::UNSET,
+            is_disarming: false,
+        }
     }
 
     /// Whether disarming was requested last: an answer to a request does not name which of the two it was.
@@ -39,10 +52,18 @@ impl Arming {
         self.was_started
     }
 
-    /// Whether the motors run, or would with thrust.
-    pub fn motors_run(&self, state: Supervision) -> bool {
-        let is_armed = state.contains(Supervision::ARMED) && state.contains(Supervision::CAN_FLY);
-        is_armed && (self.is_started || !state.contains(Supervision::ARMS_ITSELF))
+    /// Whether the motors run at `now`, or would with thrust.
+    pub fn motors_run(&self, now: Time, state: Supervision) -> bool {
+        let is_armed = state.contains(Supervision::ARMED.with(Supervision::CAN_FLY));
+        let has_flown = self.stopped_at.is_set() && now.since(self.stopped_at) < FLYING_AFTER_STOP;
+        let flies_for_others = state.contains(Supervision::FLYING) && !has_flown;
+        let by_itself = state.contains(Supervision::ARMS_ITSELF);
+        is_armed && (self.is_started || !by_itself || flies_for_others)
+    }
+
+    /// Records a flight set-point: motors that were started for another host follow the bridge.
+    pub fn fly(&mut self) {
+        (self.is_started, self.was_started) = (true, true);
     }
 
     /// The command that is due while the motors are to be started; `None` for the zero set-point.
@@ -57,7 +78,9 @@ impl Arming {
 
     /// The command that is due while the motors are to be stopped; `None` for the zero set-point.
     pub fn stop(&mut self, now: Time, state: Supervision) -> Option<SupervisorCommand> {
-        self.is_started = false;
+        if std::mem::take(&mut self.is_started) {
+            self.stopped_at = now;
+        }
         let by_itself = state.contains(Supervision::ARMS_ITSELF);
         let is_allowed = !by_itself && !state.contains(Supervision::FLYING);
         if is_allowed { self.ask(now, SupervisorCommand::Arm(false)) } else { None }
@@ -109,7 +132,7 @@ mod tests {
         assert_eq!(arming.start(at(17), ready), None, "a zero set-point unlocks the thrust");
         assert_eq!(arming.start(at(200), ready), Some(SupervisorCommand::Arm(true)));
         assert_eq!(arming.start(at(500), armed), None);
-        assert!(arming.motors_run(armed) && !arming.motors_run(ready));
+        assert!(arming.motors_run(at(500), armed) && !arming.motors_run(at(500), ready));
         assert_eq!(arming.stop(at(1000), armed.with(Supervision::FLYING)), None);
         assert!(!arming.is_disarming());
         assert_eq!(arming.stop(at(2000), armed), Some(SupervisorCommand::Arm(false)));
@@ -120,12 +143,15 @@ mod tests {
     fn the_bridge_tracks_the_motors_of_a_vehicle_that_arms_by_itself() {
         let mut arming = Arming::new();
         let state = Supervision::ARMED.with(Supervision::CAN_FLY).with(Supervision::ARMS_ITSELF);
-        assert!(!arming.motors_run(state));
+        let flying = state.with(Supervision::FLYING);
+        assert!(!arming.motors_run(at(0), state));
+        assert!(arming.motors_run(at(0), flying), "it flies for another host");
         assert_eq!(arming.start(at(0), state), None);
-        assert!(arming.motors_run(state));
-        assert!(!arming.motors_run(Supervision::ARMS_ITSELF), "it tumbled");
-        assert_eq!(arming.stop(at(1000), state), None);
-        assert!(!arming.motors_run(state));
+        assert!(arming.motors_run(at(0), state));
+        assert!(!arming.motors_run(at(0), Supervision::ARMS_ITSELF), "it tumbled");
+        assert_eq!(arming.stop(at(1000), flying), None);
+        assert!(!arming.motors_run(at(1000), flying), "the end of the bridge's own flight");
+        assert!(arming.motors_run(at(5000), flying), "it flies for another host");
     }
 
     #[test]

@@ -173,6 +173,18 @@ impl CrtpConnection {
         }
     }
 
+    /// Whether reports of `block` have the variables of this connection. A vehicle that another host has set up, or a bridge before this
+    /// one, sends reports of the same number until the logging is reset.
+    pub fn is_made(&self, block: u8) -> bool {
+        let made = match self.step {
+            Step::CreateBlock(next) => next,
+            Step::StartBlock(newest) => newest + 1,
+            Step::Ready => BLOCKS,
+            _ => 0,
+        };
+        (0..made).any(|index| block_id(index) == block)
+    }
+
     /// Values of a report: places among the log variables, and types.
     pub fn fields(&self, block: u8) -> impl Iterator<Item = (usize, LogType)> + '_ {
         let places = match block {

@@ -37,6 +37,9 @@ impl CrazyflieStatus {
         (block, mut values): (u8, LogFields),
         connection: &CrtpConnection,
     ) -> StatusUpdate {
+        if !connection.is_made(block) {
+            return StatusUpdate::Nothing;
+        }
         let mut read = self.values;
         for (place, kind) in connection.fields(block) {
             let Some(value) = values.next(kind) else { return StatusUpdate::Nothing };

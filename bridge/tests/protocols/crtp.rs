@@ -14,6 +14,17 @@ use super::protocol::{Protocol, ProtocolVehicle, Understood};
 /// The row of this protocol.
 pub const PROTOCOL: Protocol = Protocol { name: "crtp", bridge, vehicle };
 
+/// A vehicle that arms by itself, and that another host flies and has set up.
+pub const FLOWN: Protocol = Protocol {
+    name: "crtp, flown by another host",
+    bridge,
+    vehicle: || {
+        let block = LogBlock::new(1).with(LOGS[0].2, 0).with(LOGS[1].2, 1);
+        let block = Some(block);
+        Box::new(Crazyflie { is_armed: true, is_flown: true, block, reported_at: Time::UNSET })
+    },
+};
+
 /// Roll rate at full stick, as shipped \[rad/s\].
 const AUTHORITY: f64 = 2.0;
 const REPORT_PERIOD: Span = Span::from_millis(100);
@@ -35,11 +46,14 @@ fn bridge(now: Time) -> Bridge {
 }
 
 pub fn vehicle() -> Box<dyn ProtocolVehicle> {
-    Box::new(Crazyflie { is_armed: false, block: None, reported_at: Time::UNSET })
+    let block = None;
+    Box::new(Crazyflie { is_armed: false, is_flown: false, block, reported_at: Time::UNSET })
 }
 
 struct Crazyflie {
     is_armed: bool,
+    /// Whether it arms by itself, and flies by the set-points of another host.
+    is_flown: bool,
     block: Option<LogBlock>,
     reported_at: Time,
 }
@@ -68,7 +82,10 @@ impl ProtocolVehicle for Crazyflie {
             CrtpRequest::Source => say(CrtpReply::Source),
             CrtpRequest::ProtocolVersion => say(CrtpReply::ProtocolVersion(12)),
             CrtpRequest::Echo(stamp) => say(CrtpReply::Echo(stamp)),
-            CrtpRequest::ResetLogging => say(CrtpReply::Log(LogCommand::Reset, 0, 0)),
+            CrtpRequest::ResetLogging => {
+                self.block = None;
+                say(CrtpReply::Log(LogCommand::Reset, 0, 0));
+            }
             CrtpRequest::TableInfo(table) => say(CrtpReply::TableInfo(table, info(table))),
             CrtpRequest::TableElement(table, id) => {
                 say(CrtpReply::TableElement(table, element(table, id).unwrap()));
@@ -110,8 +127,10 @@ impl ProtocolVehicle for Crazyflie {
 
 impl Crazyflie {
     fn state(&self) -> Supervision {
+        let armed = Supervision::ARMED.with(Supervision::CAN_FLY);
         match self.is_armed {
-            true => Supervision::ARMED.with(Supervision::CAN_FLY),
+            true if self.is_flown => armed.with(Supervision::ARMS_ITSELF).with(Supervision::FLYING),
+            true => armed,
             false => Supervision::CAN_BE_ARMED,
         }
     }

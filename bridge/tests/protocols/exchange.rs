@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use oqtal_bridge::{Bridge, Note, VehicleReport};
-use oqtal_bus::code::Actuation;
+use oqtal_bus::code::{Actuation, VehicleLink};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
+use oqtal_bus::stop::StoppedMotors;
 use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
 
@@ -51,6 +52,8 @@ pub struct Exchange {
     name: &'static str,
     bridge: Bridge,
     pub vehicle: Box<dyn ProtocolVehicle>,
+    /// Whether everything that the vehicle sends is lost.
+    pub is_silent: bool,
     now: Time,
     commands: u64,
     /// Publication of the newest flight commands, by number.
@@ -72,6 +75,7 @@ impl Exchange {
             name: protocol.name,
             bridge,
             vehicle: (protocol.vehicle)(),
+            is_silent: false,
             now,
             commands: 0,
             published: BTreeMap::new(),
@@ -140,6 +144,19 @@ impl Exchange {
         self.bridge.report(self.now, None, Span::ZERO).2.time_out_s
     }
 
+    /// Raises an operator's stop.
+    pub fn raise_stop(&mut self) {
+        self.bridge.keep_stopped(Some(self.now));
+    }
+
+    /// Whether the bridge reports that the motors are off, also to an operator who has raised a stop.
+    pub fn reports_motors_off(&mut self) -> bool {
+        let vehicle = self.bridge.report(self.now, None, Span::ZERO).2;
+        let is_known = vehicle.link == VehicleLink::Answers.code();
+        let is_off = is_known && (vehicle.armed, vehicle.starting) == (0, 0);
+        is_off || self.bridge.stopped_motors() == Some(StoppedMotors::Off)
+    }
+
     fn command(&mut self, flies: bool, age_us: i64) {
         self.commands += 1;
         let published_at = self.now - Span::from_nanos(age_us * 1000);
@@ -205,7 +222,7 @@ impl Exchange {
     }
 
     fn receive_vehicle(&mut self, answers: &mut Vec<Vec<u8>>) {
-        for answer in answers.drain(..) {
+        for answer in answers.drain(..).filter(|_| !self.is_silent) {
             self.bridge.receive_bytes(self.now, &answer, &mut |_| {});
         }
     }

@@ -95,12 +95,12 @@ message! {
         answered_at: Time ["ns"],
         /// Time without set-points after which the vehicle acts by itself, by its report or configuration; 0 if unknown.
         time_out_s: f64 ["s"],
-        /// 1 if the motors run.
+        /// 1 if the motors run; 0 does not mean that they are off unless the link says that they are reported.
         armed: u8 ["flag"],
         /// 1 while the motors are being started; a flight begins when they run. With `armed` = 1: while they are being stopped.
         starting: u8 ["flag"],
-        /// 1 if the vehicle answers, and its bridge has been ready for a flight since the port was opened.
-        link: u8 ["flag"],
+        /// [`crate::code::VehicleLink`]: whether the vehicle answers, and reports the state of its motors.
+        link: u8 ["code"],
         /// 1 while an operator's stop keeps the motors off, whatever is commanded.
         stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
