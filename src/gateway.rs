@@ -80,6 +80,7 @@ impl GatewayCommand {
             None => Box::new(UnixGateway::bind(&paths.directory().join(SOCKET))?),
         };
         say(&format!("oqtal: gateway at {}; Ctrl-C ends", socket.address()));
+        tell_writer(&bus);
         let executor = Executor::new(&paths, &*socket, &stop);
         std::thread::scope(|threads| {
             let gateway = Gateway {
@@ -177,6 +178,15 @@ impl Gateway<'_> {
         };
         writer.send(0, Stamps::default(), reference)?;
         Ok(())
+    }
+}
+
+/// Says which other process is the writer of references: those of programs at this gateway are refused.
+fn tell_writer(bus: &Bus) {
+    if let Ok(Some(writer)) = bus.holder(&REFERENCE) {
+        say(&format!(
+            "oqtal: references are refused here until {writer} ends, which publishes its own"
+        ));
     }
 }
 

@@ -60,7 +60,7 @@ const NOT_FLOWN: [&str; 9] = [
 ];
 
 /// Deviation of the loop's rate from the requested one that does not cause a warning \[-\].
-const RATE_TOLERANCE: f64 = 0.01;
+pub(crate) const RATE_TOLERANCE: f64 = 0.01;
 
 /// The effective configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `config.rs` | the effective configuration, composed of layers |
 //! | `check.rs` | the rules of the effective configuration |
+//! | `camera_rate.rs` | settings for the rate at which cameras send poses |
 //! | `setting.rs`, `layer.rs`, `preset.rs` | values with their origins, from flags, files, the environment, presets |
 //! | `place.rs` | the instance in a configuration with errors |
 //! | `follow.rs` | keys that follow those of another section |
@@ -22,6 +23,7 @@
 mod airframe;
 mod asctec;
 mod bridge;
+mod camera_rate;
 mod check;
 mod config;
 mod crtp;
@@ -62,6 +64,7 @@ mod vehicle;
 pub use airframe::Interface;
 pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns};
 pub use bridge::BridgeOptions;
+pub use camera_rate::CameraRateAdvice;
 pub use config::{Config, DEFAULTS, refuse_thrust_alone};
 pub use crtp::{CrtpOptions, CrtpVehicleOptions};
 pub use disturbance::{DisturbanceKind, TimedDisturbance};

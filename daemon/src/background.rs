@@ -7,11 +7,11 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::control::ControlServer;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{EventV1, HealthV1, Stamps};
+use oqtal_bus::message::{EventV1, HealthV1, PoseV1, Stamps};
 use oqtal_bus::obeying::starting_command;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{EVENT, Role};
+use oqtal_bus::topic::{EVENT, POSE, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::{
     CHAIN_COMMENT, COPY_COMMENT, flight_comment, kept_source_comments, source_comments,
@@ -19,6 +19,7 @@ use oqtal_config::{
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::files;
 use oqtal_runtime::health::{Health, Heartbeat};
+use oqtal_runtime::kept_file::KeptFile;
 use oqtal_runtime::process::{Failure, ProcessContext};
 
 use crate::condition::Condition;
@@ -26,6 +27,7 @@ use crate::cycle::FirstFlight;
 use crate::law_socket::{ConnectionSlot, LawListener};
 use crate::live::LiveSettings;
 use crate::operator::OperatorRequests;
+use crate::pose_rate::PoseRate;
 
 /// The processes whose configuration must be that of the daemon.
 const PEERS: [Role; 4] = [Role::Plant, Role::Mocap, Role::Receiver, Role::Bridge];
@@ -60,18 +62,13 @@ impl Peer {
 
 /// The file with the configuration of the daemon, for observers, which need not be given its flags.
 struct ConfigFile {
-    path: PathBuf,
+    file: KeptFile,
     /// Comment lines of the files that were read again in flight.
     reread: String,
     text: String,
-    /// Instant from which on the file is looked for.
-    next: Time,
 }
 
 impl ConfigFile {
-    /// Time between two looks.
-    const PERIOD: Span = Span::from_millis(500);
-
     /// Writes the file, with comments that name those from which the configuration was read; a copy names those of its original. `is_chain`:
     /// the daemon is part of `oqtal chain run`.
     fn begin(path: PathBuf, context: &ProcessContext, is_chain: bool) -> Self {
@@ -90,22 +87,15 @@ impl ConfigFile {
         };
         let chain = if is_chain { CHAIN_COMMENT } else { "" };
         let text = format!("{chain}{sources}{}", context.config.to_toml());
-        let next = Time::now() + Self::PERIOD;
-        let file = Self { path, reread: String::new(), text, next };
+        let mut file = Self { file: KeptFile::new(path), reread: String::new(), text };
         file.write();
         file
     }
 
-    /// Writes the file again if it was removed while the instance is whole. After a loss nothing is written: the path may belong to another
-    /// run.
+    /// Writes the file again if it was removed, or could not be written, while the instance is whole. After a loss nothing is written: the
+    /// path may belong to another run.
     fn keep(&mut self, bus: &Bus) {
-        let now = Time::now();
-        if now < self.next {
-            return;
-        }
-        self.next = now + Self::PERIOD;
-        if !self.path.exists() && !bus.is_lost() {
-            tracing::warn!("{} was removed; it is written again", self.path.display());
+        if self.file.is_due(Time::now()) && !bus.is_lost() {
             self.write();
         }
     }
@@ -118,10 +108,10 @@ impl ConfigFile {
         }
     }
 
-    fn write(&self) {
-        if let Err(error) = files::write(&self.path, self.reread.clone() + &self.text) {
-            tracing::warn!("{}: {error}", self.path.display());
-        }
+    fn write(&mut self) {
+        let Self { file, reread, text } = self;
+        let write = |path: &Path| files::write(path, format!("{reread}{text}"));
+        file.renew(write, |line| tracing::warn!("{line}"));
     }
 }
 
@@ -139,6 +129,8 @@ pub struct DaemonWorker {
     config_hash: u64,
     peers: Vec<Peer>,
     events: Writer<EventV1>,
+    poses: Reader<PoseV1>,
+    pose_rate: PoseRate,
     law: Option<LawListener>,
     file: ConfigFile,
     log: RequestLog,
@@ -179,6 +171,7 @@ impl DaemonWorker {
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
+        let poses = bus.reader(&POSE)?;
         let file = ConfigFile::begin(path, context, is_chain);
         let log = RequestLog::default();
         Ok(Self {
@@ -189,17 +182,34 @@ impl DaemonWorker {
             config_hash,
             peers,
             events,
+            poses,
+            pose_rate: PoseRate::default(),
             law,
             file,
             log,
             bus,
         })
     }
+
+    /// Compares the rate of the poses with the configured one; a warning is logged when it begins. Unreadable poses are counted by the
+    /// loop.
+    fn watch_poses(&mut self) {
+        let Self { requests, poses, pose_rate, .. } = self;
+        let config = requests.settings.as_ref().map(LiveSettings::present);
+        let (Ok(Some((header, _))), Some(config)) = (poses.latest(), config) else { return };
+        pose_rate.take(&header, config);
+        let warning = pose_rate.warning();
+        if let (Some(warning), None) = (warning, &requests.warning) {
+            tracing::warn!("{warning}");
+        }
+        requests.warning = warning.cloned();
+    }
 }
 
 impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         self.file.keep(&self.bus);
+        self.watch_poses();
         let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
         let Self { events, law, log, file, bus, .. } = self;
         requests.take_changes();

@@ -128,7 +128,7 @@ impl Condition {
         let state = SafetyState::from_code(self.state);
         let reaction = state.filter(|state| *state > SafetyState::Degraded);
         match (self.handover_reason(), reaction) {
-            (reason, _) if self.cause == Cause::Fallback.code() => reason.to_string(),
+            (reason, _) if self.cause == Cause::Fallback.code() => failure(reason),
             _ if lacks_law => HandoverCause::Absent.to_string(),
             _ if mode == Mode::Landing.code() => "landing".to_owned(),
             (_, Some(state)) => state.to_string(),
@@ -144,7 +144,7 @@ impl Condition {
         let text = match cause {
             Cause::None => format!("{mode}, {state}"),
             Cause::Fallback => {
-                format!("{mode}, {state}: {cause}, {}", self.handover_reason())
+                format!("{mode}, {state}: {cause}, {}", failure(self.handover_reason()))
             }
             Cause::Setpoint => match self.refusal() {
                 Some(refusal) => format!("{mode}, {state}: {cause}, {refusal}"),
@@ -167,5 +167,13 @@ impl Condition {
         } else {
             tracing::warn!(state = state_name, cause = cause_name, sequence, "{text}");
         }
+    }
+}
+
+/// Why the fallback law flies in place of one that failed, as text; a law that connected in flight has no reason of its own.
+fn failure(reason: HandoverCause) -> String {
+    match reason {
+        HandoverCause::None => "the law waits for its return".to_owned(),
+        reason => reason.to_string(),
     }
 }

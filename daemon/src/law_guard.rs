@@ -6,7 +6,7 @@
 //!
 //! A law that failed returns after a number of good commands in a row, once the fallback has flown for a time in which the vehicle
 //! recovers. Each failure soon after a return doubles this time, up to a limit. It also holds for a new process of an external law,
-//! since the vehicle must recover whichever process failed.
+//! since the vehicle must recover whichever process failed, and for a law that connects for the first time in flight.
 
 use oqtal_bus::code::HandoverCause;
 use oqtal_config::Config;
@@ -74,7 +74,7 @@ pub struct LawGuard {
     flown: u32,
     /// Whether the law failed and has not returned.
     failed: bool,
-    /// Reason for the last failure.
+    /// Reason for the last failure; `None` without one, and while the only one is that no law was connected.
     failure: HandoverCause,
     /// Whether no law was connected in the last tick.
     is_absent: bool,
@@ -111,6 +111,7 @@ impl LawGuard {
         (self.required_fallback, self.recovered) = (0, 0);
         (self.good, self.flown) = (0, 0);
         (self.failed, self.resumes) = (false, false);
+        self.failure = HandoverCause::None;
         self.report = GuardReport { is_fallback: true, ..GuardReport::default() };
     }
 
@@ -160,6 +161,7 @@ impl LawGuard {
         match selected {
             Ok(output) => {
                 (self.failed, self.resumes) = (false, false);
+                self.failure = HandoverCause::None;
                 self.flown = self.flown.saturating_add(1);
                 (self.report.is_fallback, self.report.law_fails) = (false, false);
                 (output, cause)
@@ -202,19 +204,11 @@ impl LawGuard {
         reason: HandoverCause,
     ) -> ControlOutput {
         self.report.law_fails = tick.is_free;
-        // The reason of the failure, unless no law is connected.
-        match reason {
-            _ if !tick.is_free => {}
-            HandoverCause::Absent => self.report.cause = reason,
-            _ if self.failed => self.report.cause = self.failure,
-            HandoverCause::None => {}
-            _ => self.report.cause = reason,
+        if tick.is_free {
+            self.note_failure(reason);
         }
         if !self.report.is_fallback {
             self.report.is_fallback = true;
-            if tick.is_free {
-                self.record_failure();
-            }
             self.handover.reset();
             if !is_dangerous(reason) {
                 self.handover.begin_until_reached();
@@ -233,6 +227,21 @@ impl LawGuard {
         ControlOutput { command, ..fallback }
     }
 
+    /// Notes that the law fails in this tick, by `reason`, or waits for its return.
+    fn note_failure(&mut self, reason: HandoverCause) {
+        let is_absent = reason == HandoverCause::Absent;
+        if self.failure == HandoverCause::None && !is_absent {
+            self.failure = reason;
+        }
+        self.report.cause = if is_absent { reason } else { self.failure };
+        if !self.report.is_fallback {
+            self.record_failure();
+        } else if self.good == 0 {
+            // A law that has not flown hands nothing over, but returns like any other that failed.
+            self.failed = true;
+        }
+    }
+
     /// Counts a failure, and sets the time for which the fallback flies after it.
     fn record_failure(&mut self) {
         let soon = self.flown < STEADY_MULTIPLE.saturating_mul(self.return_answers);
@@ -245,7 +254,6 @@ impl LawGuard {
         };
         (self.flown, self.recovered, self.good) = (0, 0, 0);
         (self.failed, self.resumes) = (true, false);
-        self.failure = self.report.cause;
         self.report.handovers += 1;
     }
 

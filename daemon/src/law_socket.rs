@@ -287,6 +287,18 @@ mod tests {
     }
 
     #[test]
+    fn a_law_connects_after_the_socket_was_removed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("law");
+        let mut listener = LawListener::open(path.clone(), connections().0).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        listener.poll();
+        let _law = connect(&path).unwrap();
+        listener.poll();
+        assert!(listener.has_law());
+    }
+
+    #[test]
     fn a_law_that_ends_before_it_is_asked_is_replaced_and_an_empty_packet_is_an_answer() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("law");

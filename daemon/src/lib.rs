@@ -16,6 +16,7 @@
 //! | `command_model.rs` | the effect of commands on the vehicle, the tracker of its motion |
 //! | `guard.rs` | the checks of a pose |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
+//! | `pose_rate.rs` | the rate at which poses arrive, against the expected one |
 //! | `pose_noise.rs` | whether a source repeats poses |
 //! | `law_guard.rs` | the selection between a law and its fallback |
 //! | `envelope.rs` | the motion to which a command leads, against its limits |
@@ -83,6 +84,7 @@ mod measured_noise;
 mod mission;
 mod operator;
 mod pose_noise;
+mod pose_rate;
 mod refusal;
 mod room;
 mod setpoint;

@@ -35,6 +35,8 @@ pub struct OperatorRequests {
     pub(crate) last: Condition,
     /// Whether the law is external, and none is connected.
     pub(crate) lacks_law: bool,
+    /// Warning about the rate of the poses.
+    pub(crate) warning: Option<String>,
     config_hash: u64,
     /// `None` without a daemon's background thread.
     pub(crate) settings: Option<LiveSettings>,
@@ -57,15 +59,15 @@ fn configured_course(config: &Config) -> String {
 pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
     let (realtime, background) = handoff();
     let differ = Arc::new(AtomicBool::new(false));
-    let last = Condition::default();
     (
         LoopHandle::new(realtime, Arc::clone(&differ)),
         OperatorRequests {
             queues: background,
             configs_differ: differ,
             count: 0,
-            last,
+            last: Condition::default(),
             lacks_law: false,
+            warning: None,
             config_hash: 0,
             settings: None,
             events: 0,
@@ -140,7 +142,9 @@ impl OperatorRequests {
             self.pass_on(LoopRequest::Operator { command, event }, Validity::of(&request));
         if is_status {
             self.take_changes();
-            let text = LongText::new(&self.law_and_trajectory(response.mode));
+            let law = self.law_and_trajectory(response.mode);
+            let planned = self.last.first_flight.planned().map(str::to_owned);
+            let text = first_lines(&[law].into_iter().chain(planned).collect::<Vec<_>>());
             return ControlResponseV1 { text, ..response };
         }
         publish_answered(&request, event, &response, publish);
@@ -167,9 +171,8 @@ impl OperatorRequests {
     /// Law and trajectory of the present flight; in the `mode` "disarmed", those of the next one. The law alone of a daemon that only
     /// observes.
     fn law_and_trajectory(&self, mode: u8) -> String {
-        let Some(config) = self.settings.as_ref().map(LiveSettings::present) else {
-            return String::new();
-        };
+        let Some(settings) = &self.settings else { return String::new() };
+        let config = settings.present();
         let law = self.last.law(config, mode, self.lacks_law);
         if config.safety.observe_only {
             return law;
@@ -183,10 +186,9 @@ impl OperatorRequests {
             Followed::End => format!("{course}, at its end"),
             Followed::Course => course,
         };
-        match self.last.refusal() {
-            Some(refusal) => format!("{law}, {course}; set-point refused: {refusal}"),
-            None => format!("{law}, {course}"),
-        }
+        let refusal = self.last.refusal().map(|refusal| format!("set-point refused: {refusal}"));
+        let notes = refusal.into_iter().chain(self.warning.clone());
+        notes.fold(format!("{law}, {course}"), |text, note| format!("{text}; {note}"))
     }
 
     /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were

@@ -170,7 +170,8 @@ impl<T: Transport> DaemonTurn<'_, T> {
         // By signal: does not pass through the background thread.
         if self.ports.stop.is_landing_requested() {
             self.handle.call_off(Time::now());
-            self.request(now, OperatorCommand::Land)?;
+            let landing = self.request(now, OperatorCommand::Land)?;
+            self.handle.note_landing(Time::now(), &landing);
         }
         let Self { ports, cycle, handle, .. } = self;
         if ports.stop.are_files_lost() {

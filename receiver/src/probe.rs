@@ -51,8 +51,7 @@ pub fn probe(link: &CameraLink, config: &Config, duration: Span) -> Result<Probe
     let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();
     let mut figures = listener.figures(duration, Time::now());
     figures.server = server;
-    (figures.loop_hz, figures.poses_per_tick) = (config.control.rate_hz, config.poses_per_tick());
-    figures.acts_hz = config.rate_warning().map(|_| config.loop_rate_hz());
+    checks::set_rates(&mut figures, config);
     figures.dates_by_arrival = config.receiver.stamps == StampSource::Arrival;
     (figures.loss_warning, figures.coast_ms) =
         (config.safety.pose_loss_warning, config.safety.coast_ms);

@@ -31,6 +31,7 @@
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash or a stop |
 //! | `packet_socket.rs` | socket at which other processes of this user connect |
 //! | `files.rs` | files and directories protected against other users |
+//! | `kept_file.rs` | files by which others find a process, made again after a removal |
 #![forbid(unsafe_code)]
 
 pub mod actuation;
@@ -44,6 +45,7 @@ pub mod files;
 pub mod flight_marker;
 pub mod handoff;
 pub mod health;
+pub mod kept_file;
 mod lockstep;
 mod log;
 pub mod loop_clock;

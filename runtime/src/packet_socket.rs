@@ -6,6 +6,7 @@ use std::mem::MaybeUninit;
 use std::os::fd::{BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 
+use oqtal_bus::time::Time;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::Mode;
 use rustix::net::{
@@ -15,19 +16,18 @@ use rustix::net::{
 };
 
 use crate::files;
+use crate::kept_file::KeptFile;
 
 /// Most descriptors of a packet \[-\].
 const MAX_DESCRIPTORS: usize = 2;
 /// Longest packet with descriptors \[bytes\].
 const MAX_PACKET: usize = 1024;
 
-/// A listening socket. Its file is removed with it.
+/// A listening socket. Its file is removed with it, and made again after another process removed it.
 #[derive(Debug)]
 pub struct PacketListener {
     socket: OwnedFd,
-    path: PathBuf,
-    /// Device and inode of the socket's file: only this file is removed.
-    file: Option<(u64, u64)>,
+    file: KeptFile,
 }
 
 impl PacketListener {
@@ -36,18 +36,23 @@ impl PacketListener {
     /// # Errors
     /// The operating system refuses.
     pub fn open(path: PathBuf) -> io::Result<Self> {
-        let socket = bound(&path)?;
-        let file = files::identity(&path);
-        Ok(Self { socket, path, file })
+        let mut file = KeptFile::new(path);
+        let socket = file.make(bound)?;
+        Ok(Self { socket, file })
     }
 
     /// The next connection of this user or of root, with the process at its other end; `None` if none waits.
-    pub fn accept(&self) -> Option<(OwnedFd, UCred)> {
+    pub fn accept(&mut self) -> Option<(OwnedFd, UCred)> {
+        if self.file.is_due(Time::now())
+            && let Some(socket) = self.file.renew(bound, |line| tracing::warn!("{line}"))
+        {
+            self.socket = socket;
+        }
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         let connection = accept_with(&self.socket, flags).ok()?;
         let peer = sockopt::socket_peercred(&connection).ok()?;
         if peer.uid != rustix::process::geteuid() && !peer.uid.is_root() {
-            let path = self.path.display();
+            let path = self.file.path().display();
             tracing::warn!(pid = ?peer.pid, "a process of another user was refused at {path}");
             return None;
         }
@@ -57,7 +62,7 @@ impl PacketListener {
 
 impl Drop for PacketListener {
     fn drop(&mut self) {
-        files::remove_same(&self.path, self.file);
+        self.file.remove();
     }
 }
 

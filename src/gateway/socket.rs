@@ -1,20 +1,25 @@
 //! Sockets of the gateway; the Unix datagram socket, with the sender of each datagram as the kernel states it.
 
 use std::fs::Permissions;
-use std::io::{ErrorKind, IoSliceMut};
+use std::io::{self, ErrorKind, IoSliceMut};
 use std::mem::MaybeUninit;
 use std::net::SocketAddr;
 use std::ops::Range;
+use std::os::fd::AsFd;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use oqtal_bus::message::{ControlRequestV1, NO_USER};
 use oqtal_bus::origin::Origin;
 use oqtal_bus::text::ShortText;
-use oqtal_runtime::files;
+use oqtal_bus::time::Time;
+use oqtal_runtime::kept_file::KeptFile;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{
     RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendFlags, SocketAddrUnix, UCred,
@@ -23,6 +28,8 @@ use rustix::net::{
 
 /// Time after which a wait for a datagram ends, so that a stop is noticed.
 pub const TIMEOUT: Duration = Duration::from_millis(100);
+/// Maximum number of sockets that receive: the present one, and those before it whose file was removed \[-\].
+const MOST_SOCKETS: usize = 4;
 
 /// Source of datagrams.
 pub trait GatewaySocket: Sync {
@@ -64,8 +71,8 @@ pub struct Sender {
 /// Address of a sender.
 #[derive(Debug)]
 pub enum SenderAddress {
-    /// A socket of this machine.
-    Path(PathBuf),
+    /// A socket of this machine, and the one of the gateway from which it accepts replies.
+    Path(PathBuf, Arc<UnixDatagram>),
     /// One of the network, and the sequence number of the datagram.
     Network(SocketAddr, u64),
 }
@@ -93,26 +100,37 @@ impl Sender {
         }
     }
 
-    /// The sender whose process and user the kernel states.
-    fn local(address: Option<PathBuf>, credentials: Option<UCred>) -> Option<Self> {
+    /// The sender of a datagram to `socket` whose process and user the kernel states.
+    fn local(
+        address: Option<PathBuf>,
+        socket: Arc<UnixDatagram>,
+        credentials: Option<UCred>,
+    ) -> Option<Self> {
         let UCred { pid, uid, .. } = credentials?;
         let process = pid.as_raw_pid().unsigned_abs();
         let program = match (process, &address) {
             (0, Some(path)) => path.display().to_string(),
             _ => std::fs::read_to_string(format!("/proc/{process}/comm")).unwrap_or_default(),
         };
-        let (address, program) = (address.map(SenderAddress::Path), program.trim().to_owned());
+        let address = address.map(|path| SenderAddress::Path(path, socket));
+        let program = program.trim().to_owned();
         Some(Self { address, process, user: uid.as_raw(), program })
     }
 }
 
-/// The socket, which is removed with this object.
+/// The socket, whose file is removed with this object, and made again after another process removed it.
 #[derive(Debug)]
 pub struct UnixGateway {
-    socket: UnixDatagram,
     path: PathBuf,
-    /// Device and inode of the socket's file: only this file is removed.
-    file: Option<(u64, u64)>,
+    bound: Mutex<BoundSockets>,
+}
+
+/// The socket with its file, and the ones before.
+#[derive(Debug)]
+struct BoundSockets {
+    file: KeptFile,
+    /// The newest first. Programs that connected to one before its file was removed still send to it.
+    sockets: Vec<Arc<UnixDatagram>>,
 }
 
 impl UnixGateway {
@@ -135,12 +153,37 @@ impl UnixGateway {
             }
             Err(_) => {}
         }
-        let socket = UnixDatagram::bind(path).map_err(failed)?;
-        std::fs::set_permissions(path, Permissions::from_mode(0o600)).map_err(failed)?;
-        socket.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
-        sockopt::set_socket_passcred(&socket, true).map_err(|error| failed(error.into()))?;
-        Ok(Self { socket, path: path.to_owned(), file: files::identity(path) })
+        let mut file = KeptFile::new(path.to_owned());
+        let sockets = vec![file.make(bound).map_err(failed)?];
+        Ok(Self { path: path.to_owned(), bound: Mutex::new(BoundSockets { file, sockets }) })
     }
+
+    /// Waits for a datagram; returns the socket that has one. Makes the file again if it was removed.
+    fn wait_readable(&self) -> Option<Arc<UnixDatagram>> {
+        // Only one thread receives.
+        let mut present = self.bound.lock().unwrap_or_else(PoisonError::into_inner);
+        let BoundSockets { file, sockets } = &mut *present;
+        if file.is_due(Time::now())
+            && let Some(socket) = file.renew(bound, |line| say(&format!("oqtal: {line}")))
+        {
+            sockets.insert(0, socket);
+            sockets.truncate(MOST_SOCKETS);
+        }
+        let poll_fd = |socket| PollFd::from_borrowed_fd(AsFd::as_fd(socket), PollFlags::IN);
+        let mut polled: Vec<_> = sockets.iter().map(poll_fd).collect();
+        let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(TIMEOUT.subsec_nanos()) };
+        poll(&mut polled, Some(&timeout)).ok()?;
+        let is_ready = |polled: &PollFd<'_>| !polled.revents().is_empty();
+        polled.iter().position(is_ready).map(|number| Arc::clone(&sockets[number]))
+    }
+}
+
+/// A socket bound to `path`, mode 0600.
+fn bound(path: &Path) -> io::Result<Arc<UnixDatagram>> {
+    let socket = UnixDatagram::bind(path)?;
+    std::fs::set_permissions(path, Permissions::from_mode(0o600))?;
+    sockopt::set_socket_passcred(&socket, true)?;
+    Ok(Arc::new(socket))
 }
 
 impl GatewaySocket for UnixGateway {
@@ -152,8 +195,8 @@ impl GatewaySocket for UnixGateway {
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
         let mut parts = [IoSliceMut::new(datagram)];
-        let flags = RecvFlags::empty();
-        let received = match recvmsg(&self.socket, &mut parts, &mut control, flags) {
+        let Some(socket) = self.wait_readable() else { return Ok(None) };
+        let received = match recvmsg(&socket, &mut parts, &mut control, RecvFlags::DONTWAIT) {
             Ok(received) => received,
             Err(Errno::AGAIN | Errno::INTR) => return Ok(None),
             Err(error) => {
@@ -168,20 +211,52 @@ impl GatewaySocket for UnixGateway {
         let address = received.address.and_then(|any| SocketAddrUnix::try_from(any).ok());
         let path = address.as_ref().and_then(SocketAddrUnix::path);
         let address = path.and_then(|path| path.to_str().ok().map(PathBuf::from));
-        let sender = Sender::local(address, credentials);
+        let sender = Sender::local(address, socket, credentials);
         Ok(sender.map(|sender| Received { content: 0..received.bytes, sender }))
     }
 
     fn reply(&self, sender: &Sender, text: &str) {
-        let Some(SenderAddress::Path(path)) = &sender.address else { return };
+        let Some(SenderAddress::Path(path, socket)) = &sender.address else { return };
         if let Ok(address) = SocketAddrUnix::new(path) {
-            let _ = sendto(&self.socket, text.as_bytes(), SendFlags::DONTWAIT, &address);
+            let _ = sendto(socket, text.as_bytes(), SendFlags::DONTWAIT, &address);
         }
     }
 }
 
 impl Drop for UnixGateway {
     fn drop(&mut self) {
-        files::remove_same(&self.path, self.file);
+        self.bound.lock().unwrap_or_else(PoisonError::into_inner).file.remove();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_reach_the_gateway_after_its_socket_was_removed_also_those_connected_before() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("gateway.sock");
+        let gateway = UnixGateway::bind(&path).unwrap();
+        let program = |name| {
+            let program = UnixDatagram::bind(directory.path().join(name)).unwrap();
+            program.connect(&path).unwrap();
+            program
+        };
+        let before = program("before");
+        std::fs::remove_file(&path).unwrap();
+        let mut datagram = [0; 16];
+        assert!(gateway.receive(&mut datagram).unwrap().is_none());
+        let after = program("after");
+        for program in [before, after] {
+            program.send(b"ask").unwrap();
+            let received = gateway.receive(&mut datagram).unwrap().unwrap();
+            assert_eq!(&datagram[received.content], b"ask");
+            gateway.reply(&received.sender, "answer");
+            let length = program.recv(&mut datagram).unwrap();
+            assert_eq!(&datagram[..length], b"answer");
+        }
+        drop(gateway);
+        assert!(!path.exists());
     }
 }

@@ -18,3 +18,11 @@ pub enum FirstFlight {
     /// The automatic flight was refused: the vehicle is not simulated.
     Refused,
 }
+
+impl FirstFlight {
+    /// The automatic flight that is about to begin, as text; `None` without one.
+    pub(crate) fn planned(self) -> Option<&'static str> {
+        (self == Self::Pending)
+            .then_some("an automatic flight begins once poses and vehicle allow it")
+    }
+}

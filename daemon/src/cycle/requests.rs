@@ -41,12 +41,13 @@ impl Requests {
         }
     }
 
-    /// Calls off the flight at start-up, if it has not begun; returns whether it is called off.
+    /// Calls off the flight at start-up; returns whether one was about to begin.
     pub(super) fn call_off(&mut self) -> bool {
-        if matches!(self.first_flight, FirstFlight::Pending | FirstFlight::Expected) {
+        let was_planned = matches!(self.first_flight, FirstFlight::Pending | FirstFlight::Expected);
+        if was_planned {
             self.first_flight = FirstFlight::CalledOff;
         }
-        self.is_called_off()
+        was_planned
     }
 
     /// Whether an operator called off the flight at start-up.

@@ -82,6 +82,8 @@ pub struct LoopHandle {
     last: Condition,
     /// Instant of the last stop, landing or disarming on request, by the clock of the machine; unset before one.
     called_off_at: Time,
+    /// Instant of the last landing by request or signal that was not refused, by the clock of the machine; unset before one.
+    landed_at: Time,
     /// Last request to fly that is repeated until the vehicle is at rest: the instants at which it was made and refused; `None` once it was
     /// given up or called off.
     awaited: Option<[Time; 2]>,
@@ -94,8 +96,8 @@ impl LoopHandle {
         configs_differ: Arc<AtomicBool>,
     ) -> Self {
         let [present, last] = [Condition::default(); 2];
-        let called_off_at = Time::UNSET;
-        Self { queues, configs_differ, present, last, called_off_at, awaited: None }
+        let [called_off_at, landed_at] = [Time::UNSET; 2];
+        Self { queues, configs_differ, present, last, called_off_at, landed_at, awaited: None }
     }
 
     /// Whether the processes of the instance run with different configurations, by the last check of the background thread.
@@ -109,6 +111,13 @@ impl LoopHandle {
         self.awaited = None;
     }
 
+    /// Records the reply `response` to a landing requested at `asked_at`.
+    pub fn note_landing(&mut self, asked_at: Time, response: &ControlResponseV1) {
+        if response.answer != Answer::Refused.code() {
+            self.landed_at = self.landed_at.max(asked_at);
+        }
+    }
+
     /// Whether a request to fly is repeated until the vehicle is at rest.
     fn is_awaited(&self) -> bool {
         self.awaited.is_some_and(|[_, refused_at]| Time::now().since(refused_at) < AWAITED)
@@ -116,8 +125,8 @@ impl LoopHandle {
 
     /// Replies to the operator's request that waits, if any, with the result of `answer`; returns its command, its number on topic
     /// `event` and the reply, `None` if none waits. A request to fly that is read too late, or was made before one that ends flights,
-    /// is refused. A landing that calls such a request off succeeds, as one in flight. The operator waits by the machine's clock, also
-    /// for a flight in virtual time.
+    /// is refused. A landing that calls such a request off succeeds, as one in flight; so does a repeated one, whose first reply was lost,
+    /// and one that a signal has executed. The operator waits by the machine's clock, also for a flight in virtual time.
     pub fn poll_request(
         &mut self,
         mut answer: impl FnMut(&mut LoopRequest) -> ControlResponseV1,
@@ -136,10 +145,16 @@ impl LoopHandle {
             answer(&mut request)
         };
         let is_refused = response.answer == Answer::Refused.code();
+        let is_executed = asked_at.is_set() && asked_at <= self.landed_at;
         let response = match command {
-            OperatorCommand::Land if is_refused && self.is_awaited() => answer(&mut status),
+            OperatorCommand::Land if is_refused && (is_executed || self.is_awaited()) => {
+                answer(&mut status)
+            }
             _ => response,
         };
+        if command == OperatorCommand::Land {
+            self.note_landing(asked_at, &response);
+        }
         if command.ends_flight() {
             let now = Time::now();
             self.call_off(if asked_at.is_set() { asked_at.min(now) } else { now });

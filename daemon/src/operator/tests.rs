@@ -198,6 +198,9 @@ fn on_the_ground_the_next_flight_is_reported_and_not_the_course_of_the_last() {
         let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});
         assert_eq!(response.text.as_str(), format!("law oqtal, {course}"));
     }
+    requests.warning = Some("poses arrive at 100 Hz".to_owned());
+    let response = requests.ask(asks(OperatorCommand::Get), &mut |_| {});
+    assert!(response.text.as_str().ends_with("square; poses arrive at 100 Hz"), "{response:?}");
     let settings = Setting::parse("test", "control.fallback=geometric").unwrap();
     let config = Config::from_settings(&[settings]).unwrap();
     let mut requests = requests.with_settings(7, LiveSettings::new(&config, &[]));
@@ -230,6 +233,10 @@ fn f70_that_no_external_law_is_connected_is_told_before_the_flight_and_what_flie
     assert_eq!(told(&mut requests), "law geometric in place of external (no law is connected)");
     requests.lacks_law = false;
     assert_eq!(told(&mut requests), "law geometric in place of external (take-off)");
+    requests.last.cause = Cause::Fallback.code();
+    let waits = "law geometric in place of external (the law waits for its return)";
+    assert_eq!(told(&mut requests), waits);
+    requests.last.cause = Cause::None.code();
     requests.last.state = SafetyState::Hold.code();
     assert_eq!(told(&mut requests), "law geometric in place of external (Hold)");
     (requests.last.is_fallback, requests.last.state) = (false, SafetyState::Nominal.code());
@@ -263,8 +270,8 @@ fn a_landing_succeeds_if_it_calls_off_a_flight_that_waits_for_the_vehicle_to_be_
     let (mut handle, requests) = loop_handoff();
     let obstacles = ArmingObstacles::default().with(ArmingObstacle::Moving, true).bits();
     let stopped = SafetyState::Stop.code();
-    let asked_at = Time::now();
-    let mut asked = |command: OperatorCommand, is_repeated| {
+    let mut asked = |command: OperatorCommand, is_repeated, millis| {
+        let asked_at = Time::VIRTUAL_START + oqtal_bus::time::Span::from_millis(millis);
         let validity = Validity { asked_at, until: Time::UNSET, is_repeated };
         requests.queues.send((0, LoopRequest::Operator { command, event: 0 }, validity)).unwrap();
         let (_, _, response) = handle
@@ -277,15 +284,16 @@ fn a_landing_succeeds_if_it_calls_off_a_flight_that_waits_for_the_vehicle_to_be_
         response.answer
     };
     use OperatorCommand::{Arm, Land};
-    assert_eq!(asked(Land, false), Answer::Refused.code());
-    assert_eq!(asked(Arm, true), Answer::Refused.code());
-    assert_eq!(asked(Land, false), Answer::Done.code());
-    assert_eq!(asked(Land, false), Answer::Refused.code());
+    assert_eq!(asked(Land, false, 0), Answer::Refused.code());
+    assert_eq!(asked(Arm, true, 1), Answer::Refused.code());
+    assert_eq!(asked(Land, false, 2), Answer::Done.code());
+    assert_eq!(asked(Land, false, 2), Answer::Done.code(), "repeated: the first reply was lost");
+    assert_eq!(asked(Land, false, 3), Answer::Refused.code());
     // There is nothing to call off once nobody repeats the request.
     for is_repeated in [true, false] {
-        assert_eq!(asked(Arm, is_repeated), Answer::Refused.code());
+        assert_eq!(asked(Arm, is_repeated, 4), Answer::Refused.code());
     }
-    assert_eq!(asked(Land, false), Answer::Refused.code());
+    assert_eq!(asked(Land, false, 5), Answer::Refused.code());
 }
 
 #[test]
@@ -374,6 +382,9 @@ fn a_request_that_needs_a_flight_is_refused_without_one_also_while_the_loop_stan
     }
     requests.last.first_flight = FirstFlight::Expected;
     assert_eq!(answer(&mut requests, Land), accepted, "calls off the expected flight");
+    requests.last.first_flight = FirstFlight::Pending;
+    let status = requests.ask(asks(OperatorCommand::Status), &mut |_| {}).text;
+    assert!(status.as_str().contains("\nan automatic flight begins"), "{status:?}");
 }
 
 #[test]

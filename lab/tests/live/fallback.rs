@@ -1,7 +1,7 @@
 //! Settings in flight under a fallback: it flies with the gains of the daemon's start.
 
 use oqtal_bus::code::{HandoverCause, OperatorCommand};
-use oqtal_bus::message::{ExternalV1, StateV1};
+use oqtal_bus::message::{ExternalV1, StateV1, TelemetryV1};
 use oqtal_bus::time::Span;
 use oqtal_daemon::{ExternalLaw, LawPort, LiveSettings, without_answer};
 use oqtal_lab::simulation::online::OnlineFlight;
@@ -84,6 +84,31 @@ fn f70_a_law_that_is_gone_cannot_be_given_control_and_neither_can_the_next_one_b
     let (by_fallback, summary) = (by_fallback.count(), Summary::of(&flown));
     assert_eq!(summary.handovers.unwrap().fallback_ticks, by_fallback);
     assert_eq!(summary.answers.unwrap().unconnected, 240);
+}
+
+#[test]
+fn f70_a_law_that_first_connects_in_flight_returns_like_one_that_failed() {
+    for (answers, is_by_request) in [(60, false), (0, true)] {
+        let returns = format!("external.return-answers={answers}");
+        let mission = hover(20.0, &["control.controller=external", &returns]);
+        let law = LawPort::of(Returning(0, 600));
+        let mut flight = OnlineFlight::begin_with_law(&mission, law).unwrap();
+        let is_absent = |it: &TelemetryV1| it.handover_cause == HandoverCause::Absent.code();
+        fly_for(&mut flight, 15.0);
+        let ticks: Vec<_> = flight.samples().iter().map(|sample| sample.telemetry).collect();
+        let connected = ticks.iter().rposition(|it| is_absent(it) && it.fallback == 1).unwrap();
+        let waited = ticks[connected..].iter().skip(1).take_while(|it| it.fallback == 1).count();
+        let now = last(&flight);
+        assert_eq!((now.fallback == 1, now.handovers), (is_by_request, 0));
+        if is_by_request {
+            assert!(waited > 120 && now.handover_cause == HandoverCause::None.code(), "{waited}");
+            assert!(flight.request(OperatorCommand::Resume).unwrap());
+            fly_for(&mut flight, 1.0);
+            assert_eq!(last(&flight).fallback, 0, "it flies");
+        } else {
+            assert_eq!(waited, 59, "the law flies with the 60th good command");
+        }
+    }
 }
 
 /// The fallback of an external law is the control stack.

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use oqtal_config::Config;
+
 use super::figures::ProbeFigures;
 use super::finding::{ProbeFinding, Severity};
 use crate::clock::MAX_DRIFT;
@@ -11,14 +13,8 @@ type ProbeCheck = (&'static str, Severity, &'static str, fn(&ProbeFigures) -> Op
 
 /// Rate of the cameras over that of the loop below which no flight is possible \[-\].
 const TOO_SLOW: f64 = 0.66;
-/// Rate of the cameras over that of the loop below which the loop is slowed down \[-\].
-const SLOW: f64 = 0.97;
-/// Rate at which the loop would run over the configured one, above which the cameras are faster than expected \[-\].
-const FAST: f64 = 1.25;
 /// Interval between two frames, in periods of the loop, above which there is advice \[-\].
 const GAP_PERIODS: f64 = 3.0;
-const RATE_REMEDY: &str =
-    "raise the cameras' rate to that of the loop or above, or lower control.rate-hz";
 const LOSS_REMEDY: &str = "connect by cable to a switch of its own";
 const TCP_REMEDY: &str = "connect by cable to a switch of its own, or take transport=tcp";
 
@@ -37,33 +33,6 @@ const CHECKS: &[ProbeCheck] = &[
         |f| {
             f.silent_from_s
                 .map(|s| format!("none after {s:.1} s; the figures are those until then"))
-        },
-    ),
-    ("rate", Severity::Problem, RATE_REMEDY, |f| rate(f, 0.0..TOO_SLOW)),
-    ("rate", Severity::Advice, RATE_REMEDY, |f| rate(f, TOO_SLOW..SLOW)),
-    (
-        "rate",
-        Severity::Advice,
-        "set safety.pose-rate-hz to the cameras' rate, and probe again: the loop then acts on every second pose, third, or so on",
-        |f| {
-            let rate_hz = f.camera_rate_hz?;
-            let would_hz = rate_hz / f.poses_per_tick;
-            (would_hz > FAST * f.loop_hz).then(|| {
-                format!(
-                    "{rate_hz:.1} Hz, more than safety.pose-rate-hz expects: the loop would run at {would_hz:.1} Hz"
-                )
-            })
-        },
-    ),
-    (
-        "rate",
-        Severity::Advice,
-        "set control.rate-hz to the rate at which the loop acts, or change the cameras' rate",
-        |f| {
-            let (acts_hz, every, loop_hz) = (f.acts_hz?, f.poses_per_tick, f.loop_hz);
-            Some(format!(
-                "the loop acts on one pose in {every}, at {acts_hz:.2} Hz, while its laws are designed for {loop_hz} Hz"
-            ))
         },
     ),
     (
@@ -154,13 +123,22 @@ const CHECKS: &[ProbeCheck] = &[
     ),
 ];
 
+/// Fills in the rate of the loop of `config`, and the advice on it for these cameras.
+pub fn set_rates(figures: &mut ProbeFigures, config: &Config) {
+    let wanted_hz = config.control.rate_hz;
+    figures.rate_advice = figures.camera_rate_hz.and_then(|hz| config.camera_rate_advice(hz));
+    let is_flown = figures.camera_rate_hz.is_some_and(|hz| hz >= TOO_SLOW * wanted_hz);
+    let advised = figures.rate_advice.as_ref().filter(|_| is_flown);
+    figures.loop_hz = advised.map_or(wanted_hz, |advice| advice.loop_hz);
+}
+
 /// Findings against flying with these figures.
 pub fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
     let found = CHECKS.iter().filter_map(|(name, severity, remedy, check)| {
         let found = check(figures)?;
-        Some(ProbeFinding { name, severity: *severity, found, remedy })
+        Some(ProbeFinding { name, severity: *severity, found, remedy: (*remedy).into() })
     });
-    found.collect()
+    rate(figures).into_iter().chain(found).collect()
 }
 
 /// The share of lost frames in words if it is in `range`, for a link that is `meant`.
@@ -175,12 +153,12 @@ fn lost(figures: &ProbeFigures, meant: bool, range: Range<f64>) -> Option<String
     (meant && loss > 0.0 && range.contains(&loss)).then(|| format!("{:.1} %{beyond}", loss * 100.0))
 }
 
-/// The cameras' rate in words if its ratio to that of the loop is in `range`.
-fn rate(figures: &ProbeFigures, range: Range<f64>) -> Option<String> {
-    let (rate_hz, loop_hz) = (figures.camera_rate_hz?, figures.loop_hz);
-    range
-        .contains(&(rate_hz / loop_hz))
-        .then(|| format!("{rate_hz:.1} Hz, for a loop of {loop_hz} Hz"))
+/// The advice on the rates; a problem if cameras are too slow for the configured loop.
+fn rate(figures: &ProbeFigures) -> Option<ProbeFinding> {
+    let (rate_hz, advice) = (figures.camera_rate_hz?, figures.rate_advice.clone()?);
+    let is_too_slow = rate_hz < TOO_SLOW * figures.loop_hz;
+    let severity = if is_too_slow { Severity::Problem } else { Severity::Advice };
+    Some(ProbeFinding { name: "rate", severity, found: advice.found, remedy: advice.remedy.into() })
 }
 
 /// The duration in words if it is above the start of `range_ms` and at most its end \[ms\].
@@ -217,7 +195,6 @@ mod tests {
             loss_warning: 0.05,
             coast_ms: 250.0,
             loop_hz: 60.0,
-            poses_per_tick: 2.0,
             interval: Some(IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() }),
             clock: Some(ClockFigures { known: true, ..ClockFigures::default() }),
             bodies: vec![BodyFigures { id: 1, tracked: Some(1.0), ..BodyFigures::default() }],
@@ -235,25 +212,6 @@ mod tests {
         use Severity::{Advice, Problem};
         assert_eq!(names(&good()), []);
         assert_eq!(FitnessVerdict::of(&[]), FitnessVerdict::Fit);
-        assert_eq!(
-            names(&ProbeFigures { camera_rate_hz: Some(30.0), ..good() }),
-            [("rate", Problem)]
-        );
-        assert_eq!(
-            names(&ProbeFigures { camera_rate_hz: Some(40.0), ..good() }),
-            [("rate", Advice)]
-        );
-        assert_eq!(
-            names(&ProbeFigures { camera_rate_hz: Some(50.0), ..good() }),
-            [("rate", Advice)]
-        );
-        assert_eq!(
-            names(&ProbeFigures { camera_rate_hz: Some(240.0), ..good() }),
-            [("rate", Advice)]
-        );
-        assert_eq!(names(&ProbeFigures { loop_hz: 200.0, ..good() }), [("rate", Problem)]);
-        let other_rate = ProbeFigures { acts_hz: Some(50.0), ..good() };
-        assert_eq!(names(&other_rate), [("rate", Advice)]);
         for (max_ns, severity) in [(60_000_000, Advice), (300_000_000, Problem)] {
             let interval = Some(IntervalFigures { max_ns, ..IntervalFigures::default() });
             assert_eq!(names(&ProbeFigures { interval, ..good() }), [("longest gap", severity)]);
@@ -266,6 +224,38 @@ mod tests {
             let bodies = vec![BodyFigures { tracked: Some(tracked), ..good().bodies[0].clone() }];
             assert_eq!(names(&ProbeFigures { bodies, ..good() }), [("tracking", severity)]);
         }
+    }
+
+    #[test]
+    fn rates_are_fit_once_they_are_configured_as_advised() {
+        let config = |poses_hz: f64, loop_hz: f64| {
+            let mut config = Config::default();
+            (config.safety.pose_rate_hz, config.control.rate_hz) = (poses_hz, loop_hz);
+            config
+        };
+        let probed = |camera_rate_hz, config: &Config| {
+            let mut figures = ProbeFigures { camera_rate_hz: Some(camera_rate_hz), ..good() };
+            set_rates(&mut figures, config);
+            (names(&figures), figures.to_string())
+        };
+        use Severity::{Advice, Problem};
+        for (rate_hz, poses_hz, loop_hz, severity, verdict) in [
+            (30.0, 30.0, 30.0, Problem, "for a loop of 60 Hz"),
+            (40.0, 40.0, 40.0, Advice, "for a loop of 40 Hz, set as advised"),
+            (50.0, 50.0, 50.0, Advice, "for a loop of 50 Hz, set as advised"),
+            (100.0, 100.0, 50.0, Advice, "for a loop of 50 Hz, set as advised"),
+            (240.0, 240.0, 60.0, Advice, "for a loop of 60 Hz, set as advised"),
+        ] {
+            let (found, text) = probed(rate_hz, &config(60.0, 60.0));
+            assert_eq!(found, [("rate", severity)], "{rate_hz}");
+            assert!(text.ends_with(verdict), "{text}");
+            let (found, text) = probed(rate_hz, &config(poses_hz, loop_hz));
+            assert_eq!(found, [], "{rate_hz}");
+            assert!(text.ends_with(&format!("for a loop of {loop_hz} Hz")), "{text}");
+        }
+        let (found, text) = probed(100.0, &config(100.0, 60.0));
+        assert_eq!(found, [("rate", Advice)], "one pose in two is not 60 Hz");
+        assert!(text.ends_with("for a loop of 50 Hz, set as advised"), "{text}");
     }
 
     #[test]
@@ -288,7 +278,7 @@ mod tests {
             (0.06, true, Problem),
         ] {
             let found = findings(&ProbeFigures { loss: Some(loss), has_tcp, ..good() });
-            let [ProbeFinding { name: "lost frames", severity: found, remedy, .. }] = found[..]
+            let [ProbeFinding { name: "lost frames", severity: found, ref remedy, .. }] = found[..]
             else {
                 panic!("{found:?}")
             };

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use oqtal_config::CameraRateAdvice;
 use serde::Serialize;
 
 use super::finding::{FitnessVerdict, ProbeFinding};
@@ -36,14 +37,11 @@ pub struct ProbeFigures {
     /// Whether the link can also receive over TCP.
     #[serde(skip)]
     pub has_tcp: bool,
-    /// Rate of the loop that is to fly with them \[Hz\].
+    /// Rate of the loop that is to fly with them, as configured \[Hz\]; the advised one if there is advice on it.
     pub loop_hz: f64,
-    /// Number of poses per tick of the loop at the rate that the configuration expects \[-\].
+    /// Advice on the rates of cameras and loop; `None` if they are as configured.
     #[serde(skip)]
-    pub poses_per_tick: f64,
-    /// Rate at which the loop acts instead, since `loop_hz` is not that of a whole number of poses \[Hz\]; `None` if it is.
-    #[serde(skip)]
-    pub acts_hz: Option<f64>,
+    pub rate_advice: Option<CameraRateAdvice>,
     /// Intervals between arrivals; `None` without any.
     pub interval: Option<IntervalFigures>,
     /// Intervals longer than 50 ms \[-\]; `None` without a frame.
@@ -183,7 +181,9 @@ impl fmt::Display for ProbeFigures {
         self.bodies.iter().try_for_each(|body| writeln!(f, "{body}"))?;
         self.findings.iter().try_for_each(|finding| writeln!(f, "{finding}"))?;
         let Self { verdict, loop_hz, .. } = self;
-        write!(f, "verdict    {verdict} for a loop of {loop_hz} Hz")
+        let is_advised = self.rate_advice.as_ref().is_some_and(|it| it.loop_hz == *loop_hz);
+        let advised = if is_advised { ", set as advised" } else { "" };
+        write!(f, "verdict    {verdict} for a loop of {loop_hz} Hz{advised}")
     }
 }
 

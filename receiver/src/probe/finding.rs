@@ -1,5 +1,6 @@
 //! Findings of a probe, and the verdict that they lead to.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use serde::Serialize;
@@ -24,7 +25,7 @@ pub struct ProbeFinding {
     /// Fact found.
     pub found: String,
     /// Remedy.
-    pub remedy: &'static str,
+    pub remedy: Cow<'static, str>,
 }
 
 /// Verdict on a camera system.
@@ -72,7 +73,7 @@ impl ProbeFinding {
     /// The finding of a body that the server does not have; `known` lists those that it has.
     pub fn missing(name: &str, known: &str) -> Self {
         let found = format!("no body `{name}`; {known}");
-        let remedy = "name one of these, or define the body in the camera software";
+        let remedy = "name one of these, or define the body in the camera software".into();
         Self { name: "bodies", severity: Severity::Problem, found, remedy }
     }
 }
