@@ -144,6 +144,24 @@ fn f58_a_frozen_pose_is_found_although_reports_of_rates_fail_again_and_again() {
     });
 }
 
+/// Reports that a radio loses for a moment cost the evidence of that moment alone.
+#[test]
+fn f58_a_frozen_pose_is_found_although_reports_of_rates_have_a_gap() {
+    let gaps = [(0.1, 0.2), (0.1, 0.4), (1.0, 0.3), (2.0, 0.3)];
+    on_all_processors((gaps.len() * LAWS.len()) as u64, |index| {
+        let (law, (before_s, gap_s)) = (LAWS[index as usize % 4], gaps[index as usize / 4]);
+        let settings = [
+            format!("control.controller={law}"),
+            "trajectory.kind=circle".to_owned(),
+            format!("clock.seed={}", FIRST_SEED + index),
+        ];
+        let gap = format!("vehicle:off@{}+{gap_s}", 10.0 - before_s);
+        let faults = [gap, "pose:frozen-noise=0.5mm@10".to_owned()];
+        let reaction = react(&settings, &faults, 10.0).unwrap();
+        assert!(reaction.after_s < 0.7 && reaction.moved_m < 1.0, "{reaction:?}");
+    });
+}
+
 /// A heading that turns slowly, as of a planner that computes it, does not end the oscillation.
 #[test]
 fn f58_a_frozen_pose_is_found_although_the_reference_heading_turns_slowly() {

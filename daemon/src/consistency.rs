@@ -29,6 +29,7 @@ mod heading;
 mod motion_observer;
 mod pending;
 mod response;
+mod rotation;
 mod standstill;
 mod vehicle_rates;
 mod washout;
@@ -38,19 +39,16 @@ use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::predictive::{MeasuredPose, MotionTracker};
 
-use crate::delayed_mean::DelayedMean;
 use crate::floor::{AIRBORNE_M, LANDED_M};
 use crate::guard::seconds;
 use crate::measured_noise::PoseDeviations;
 use commanded::CommandedRotation;
 use direction::DirectionTest;
-use drift::{DriftLimit, DriftTest};
 use heading::HeadingProbe;
 use pending::{PendingRotations, SeenRotation};
-use response::{ResponseLimit, ResponseTest};
+use rotation::{Accuracy, RotationTest};
 use standstill::StandstillTest;
 use vehicle_rates::VehicleRates;
-use washout::WashOut;
 
 /// Longest interval between two poses over which rotations are compared \[s\]; after a longer one the tests begin again.
 const LONGEST_S: f64 = 0.3;
@@ -58,22 +56,12 @@ const LONGEST_S: f64 = 0.3;
 const LONGEST_STEP_S: f64 = 0.07;
 /// Least deviation of rotations that agree \[rad\]: gyroscope and model are not exact.
 const LEAST_DEVIATION_RAD: f64 = 0.002;
-/// Least deviation of such rotations over the measured noise \[-\].
-const NOISE_SHARE: f64 = 1.2;
-/// Time constant of the deviation between rotations that agree \[s\].
-const DEVIATION_S: f64 = 2.0;
 /// Default of `safety.consistency-limit`, with which the limits of the standstill apply unscaled \[-\].
 const DEFAULT_LIMIT: f64 = 12.0;
-/// Limit of the response to commands over that to a gyroscope \[-\].
-const COMMANDS_LIMIT: f64 = 2.5;
 /// Time without a rotation that shows whether poses follow the gyroscope, after which the heading oscillates \[s\].
 const UNCONFIRMED_S: f64 = 0.22;
 /// Time for which a rotation that was not seen counts \[s\].
 const UNSEEN_S: f64 = 1.0;
-/// Time in the air after which rotations by commands are compared, and the deviation from those of a gyroscope is known \[s\].
-const SETTLED_S: f64 = 2.5;
-/// Factor of the limit before that time \[-\]: the noise of the poses is not measured yet, and may exceed the configured one.
-const EARLY_LIMIT: f64 = 2.0;
 /// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
 const TOLD_SHARE: f64 = 1.5;
 /// Evidence, as a share of its limit, above which no noise is learned \[-\].
@@ -128,18 +116,12 @@ pub struct PoseConsistency {
     by_gyroscope: bool,
     /// Rotations seen after the last report of the gyroscope.
     pending: PendingRotations,
-    /// Time in the air with rotations of the same source \[s\].
-    airborne_s: f64,
     /// Whether the vehicle has been in the air in this flight.
     has_flown: bool,
-    seen: WashOut,
-    driven: WashOut,
-    /// Mean square of the difference of both \[rad^2\].
-    deviation: DelayedMean,
+    gyroscope: RotationTest,
+    commands: RotationTest,
     /// Rotation of the vehicle in the last second that was not seen \[rad, body axes\].
     unseen: Vector3<f64>,
-    response: ResponseTest,
-    drift: DriftTest,
     direction: DirectionTest,
     standstill: StandstillTest,
     heading: HeadingProbe,
@@ -152,22 +134,19 @@ impl PoseConsistency {
     /// The tests of `config`, on the ground.
     pub fn new(config: &Config) -> Self {
         let told = config.control.predictive.filter.attitude_noise_deg.to_radians();
-        let deviation = TOLD_SHARE * told + LEAST_DEVIATION_RAD;
+        let (deviation, limit) =
+            (TOLD_SHARE * told + LEAST_DEVIATION_RAD, config.safety.consistency_limit);
         Self {
-            limit: config.safety.consistency_limit,
+            limit,
             rates: VehicleRates::default(),
             commanded: CommandedRotation::default(),
             last: None,
             by_gyroscope: false,
             pending: PendingRotations::default(),
-            airborne_s: 0.0,
             has_flown: false,
-            seen: WashOut::default(),
-            driven: WashOut::default(),
-            deviation: DelayedMean::new(deviation * deviation, DEVIATION_S),
+            gyroscope: RotationTest::new(Accuracy::GYROSCOPE, limit, deviation),
+            commands: RotationTest::new(Accuracy::COMMANDS, limit, deviation),
             unseen: Vector3::zeros(),
-            response: ResponseTest::default(),
-            drift: DriftTest::default(),
             direction: DirectionTest::default(),
             standstill: StandstillTest::default(),
             heading: HeadingProbe::new(config.safety.probe_yaw_deg.to_radians()),
@@ -239,7 +218,6 @@ impl PoseConsistency {
             tracker.track().is_some() && pose.position.z > tracker.floor_m() + AIRBORNE_M;
         self.has_flown |= is_airborne;
         if !is_airborne {
-            self.airborne_s = 0.0;
             self.clear();
         }
         let Some((last_s, last)) = self.last.replace((t_s, *pose)) else { return };
@@ -252,81 +230,70 @@ impl PoseConsistency {
         }
         let turn = last.attitude.rotation_to(&pose.attitude);
         let seen = SeenRotation { from_s: last_s, to_s: t_s, turn, is_airborne };
-        self.rates.update(t_s);
         let by_gyroscope = self.rates.are_trusted(t_s);
         if by_gyroscope != self.by_gyroscope {
-            self.by_gyroscope = by_gyroscope;
-            self.begin_again();
+            (self.by_gyroscope, self.unseen) = (by_gyroscope, Vector3::zeros());
+            self.heading.end();
         }
-        if by_gyroscope {
-            self.pending.push(seen);
-            self.compare_with_gyroscope(noise, is_airborne, expected.turns);
-        } else if !expected.obeys {
-            self.clear();
-            self.begin_again();
+        self.pending.push(seen);
+        self.compare_with_gyroscope(noise, is_airborne, expected.turns);
+        if !expected.obeys {
+            self.commands.clear();
+            self.commands.begin_again();
+            self.commanded = CommandedRotation::default();
+            if !by_gyroscope {
+                self.heading.end();
+                self.evidence = PoseEvidence::default();
+            }
         } else if is_airborne {
             let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
-            self.test_rotation(&seen, &driven, noise, expected.turns);
+            self.test_rotation(false, &seen, &driven, noise, expected.turns);
         }
         self.test_motion(tracker, (pose, noise), (dt_s, is_airborne), expected);
         self.contradicts |= self.evidence.ending() >= 1.0;
     }
 
-    /// Compares the rotations that the reports of the gyroscope now cover.
+    /// Compares the rotations that the reports of the gyroscope now cover, and leaves out those in a gap of the reports.
     fn compare_with_gyroscope(&mut self, noise: &PoseDeviations, is_airborne: bool, turns: bool) {
         while let Some(mut seen) = self.pending.take_if(|to_s| self.rates.reach(to_s)) {
-            let Some(driven) = self.rates.turn(seen.from_s, seen.to_s) else {
-                self.rates.record_gap(seen.to_s);
-                self.begin_again();
-                return;
-            };
+            let Some(driven) = self.rates.covered_turn(seen.from_s, seen.to_s) else { continue };
             seen.is_airborne &= is_airborne;
-            self.test_rotation(&seen, &driven, noise, turns);
+            self.test_rotation(true, &seen, &driven, noise, turns);
+            if self.by_gyroscope {
+                // What the commands show counts from the last report on.
+                self.commands.discard_evidence();
+            }
         }
     }
 
+    /// Compares a rotation seen with that of the gyroscope or of the commands; the evidence is that of the source in use.
     fn test_rotation(
         &mut self,
+        is_of_gyroscope: bool,
         &SeenRotation { from_s, to_s: t_s, turn: ref seen, is_airborne }: &SeenRotation,
         driven: &Vector3<f64>,
         noise: &PoseDeviations,
         turns: bool,
     ) {
         let dt_s = t_s - from_s;
-        self.airborne_s += dt_s;
-        if self.by_gyroscope {
-            self.unseen += driven - seen - self.unseen * (dt_s / UNSEEN_S).min(1.0);
-        }
-        let (limit, response_limit) = match self.by_gyroscope {
-            true => (DriftLimit::GYROSCOPE, ResponseLimit::GYROSCOPE),
-            false => (DriftLimit::COMMANDS, ResponseLimit::COMMANDS),
-        };
-        let drift = self.drift.take((seen, driven), &limit, noise.attitude_rad, dt_s);
-        let (seen, driven) = (self.seen.take(seen, dt_s), self.driven.take(driven, dt_s));
-        self.deviation.take(t_s, (seen - driven).norm_squared() / 3.0);
-        // The bias of the rate that the commands counteract is washed out first.
-        if !is_airborne || !self.by_gyroscope && self.airborne_s < SETTLED_S {
-            self.drift.restart();
+        let test = if is_of_gyroscope { &mut self.gyroscope } else { &mut self.commands };
+        let angles = test.take((seen, driven), noise.attitude_rad, (t_s, dt_s), is_airborne);
+        if is_of_gyroscope != self.by_gyroscope {
             return;
         }
-        self.evidence.drift = drift;
-        let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise.attitude_rad);
-        let variance = self.deviation.mean().max(least * least);
-        let sum = self.response.take((&seen, &driven), &response_limit, variance, dt_s);
-        let factor = match self.by_gyroscope {
-            true if self.airborne_s < SETTLED_S => EARLY_LIMIT,
-            true => 1.0,
-            false => COMMANDS_LIMIT,
-        };
-        let needed = !self.by_gyroscope || self.response.unconfirmed_s() > UNCONFIRMED_S;
-        let angles = (seen.z, driven.z);
+        if is_of_gyroscope {
+            self.unseen += driven - seen - self.unseen * (dt_s / UNSEEN_S).min(1.0);
+        }
+        let Some(angles) = angles else { return };
+        let needed = !is_of_gyroscope || test.unconfirmed_s() > UNCONFIRMED_S;
         if turns {
             self.heading.end();
         }
         let heading = self.heading.take(needed && !turns, angles, noise.attitude_rad, (t_s, dt_s));
-        self.evidence.response = heading.max(sum / (factor * self.limit));
+        self.evidence.drift = test.drift_evidence;
+        self.evidence.response = heading.max(test.response_evidence);
         if self.evidence.response > QUIET {
-            self.deviation.discard();
+            test.discard_deviations();
         }
     }
 
@@ -378,20 +345,18 @@ impl PoseConsistency {
 
     /// Discards the evidence.
     fn clear(&mut self) {
-        (self.response, self.direction) = (ResponseTest::default(), DirectionTest::default());
-        self.drift.restart();
+        (self.gyroscope.clear(), self.commands.clear());
+        self.direction = DirectionTest::default();
         self.heading.end();
         self.evidence = PoseEvidence::default();
-        self.deviation.discard();
     }
 
-    /// Discards the rotations: they have a gap, are of another source, or the vehicle cannot follow its commands.
+    /// Discards the rotations: the poses have a gap.
     fn begin_again(&mut self) {
-        (self.airborne_s, self.unseen) = (0.0, Vector3::zeros());
+        (self.gyroscope.begin_again(), self.commands.begin_again());
+        self.unseen = Vector3::zeros();
         self.commanded = CommandedRotation::default();
         self.pending = PendingRotations::default();
-        (self.seen, self.driven) = (WashOut::default(), WashOut::default());
-        self.drift = DriftTest::default();
         self.heading.end();
     }
 }

@@ -94,8 +94,9 @@ impl Crash {
         sample: &FlightSample,
         floor_m: f64,
     ) -> Option<Self> {
-        let [speed, rest] = [before, sample].map(|sample| -sample.velocity().z);
-        let touches = sample.position().z < floor_m + AT_FLOOR_M && rest < 0.5 * speed;
+        let [fall, rest] = [before, sample].map(|sample| -sample.velocity().z);
+        let touches = sample.position().z < floor_m + AT_FLOOR_M && rest < 0.5 * fall;
+        let speed = before.velocity().norm();
         (touches && speed > HARD_M_S).then_some(Self::Hard { speed })
     }
 }
@@ -156,13 +157,15 @@ mod tests {
 
     #[test]
     fn a_touchdown_is_a_crash_by_its_speed_and_a_fall_before_the_floor_is_not() {
-        let moving = |height: f64, climb: f64| {
+        let with = |height: f64, velocity: [f64; 3]| {
             let sample = at([0.0, 0.0, height], [0.0, 0.0, 0.0, 1.0]);
-            let velocity = [0.0, 0.0, climb];
             let truth = sample.truth.map(|truth| TruthV1 { velocity, ..truth });
             FlightSample { truth, ..sample }
         };
+        let moving = |height: f64, climb: f64| with(height, [0.0, 0.0, climb]);
         let said = |before, after| Crash::at_touchdown(&before, &after, 0.0).map(|c| c.to_string());
+        let sideways = said(with(0.01, [3.0, 0.0, -0.6]), with(0.0, [2.9, 0.0, 0.0]));
+        assert_eq!(sideways.unwrap(), "hit the floor at 3.1 m/s");
         let hard = said(moving(0.03, -2.54), moving(0.0, 0.0));
         assert_eq!(hard.unwrap(), "hit the floor at 2.5 m/s");
         assert_eq!(said(moving(0.01, -0.6), moving(0.0, 0.0)), None, "a landing");

@@ -5,7 +5,7 @@ use super::*;
 use crate::command_model::{CommandModel, motion_tracker};
 
 /// Greatest evidence of the response in eight seconds in which the vehicle turns into a tilt and back each second, at poses of
-/// 60 Hz and reports of the gyroscope of 10 Hz, the first of them at `phase_s` \[s\].
+/// 60 Hz and reports of the gyroscope of 10 Hz, one of them at `phase_s` \[s\], and the first one before.
 fn evidence(phase_s: f64) -> f64 {
     let config = Config::default();
     let mut tracker = motion_tracker(&config, CommandModel::new(&config).unwrap().model);
@@ -24,6 +24,7 @@ fn evidence(phase_s: f64) -> f64 {
     let noise = PoseDeviations { position_m: 0.5e-3, attitude_rad: 3.5e-3 };
     let mut tests = PoseConsistency::new(&config);
     let (mut pitch, mut greatest) = (0.0, 0.0_f64);
+    tests.receive_rate(phase_s - 0.1, Vector3::zeros());
     for ms in 0..8000 {
         let t_s = 1e-3 * f64::from(ms);
         pitch += 1e-3 * rate(t_s);

@@ -7,11 +7,12 @@ use nalgebra::Vector3;
 
 /// Number of reports that are kept \[-\]: longer than the age of a pose at 250 reports a second.
 const KEPT: usize = 32;
-/// Greatest time between two reports over which their rate is integrated, and for which the next one is awaited \[s\].
+/// Greatest time between two reports over which their rate is integrated \[s\].
 const LONGEST_S: f64 = 0.15;
-/// Time without a gap in the reports after which rotations are compared with them again \[s\]. Each change of source restarts the
-/// comparison, so a vehicle whose reports fail repeatedly is treated as one without rates.
-const TRUSTED_S: f64 = 10.0;
+/// Time that no report covers after which rotations are compared with the commands instead \[s\], and the share of the covered time by
+/// which it is regained \[-\].
+const LONGEST_UNCOVERED_S: f64 = 0.5;
+const REGAINED: f64 = 0.25;
 /// Time for which the last rate is continued \[s\]: the age of the newest report of a vehicle that reports at the rate of the cameras.
 const CONTINUED_S: f64 = 0.04;
 
@@ -25,15 +26,15 @@ pub(super) struct VehicleRates {
     next: usize,
     /// Number of reports since the last gap \[-\].
     count: usize,
-    /// Instant of the last gap in the reports during this flight \[s\].
-    last_gap_s: f64,
+    /// Time of this flight that no report covers, less what was regained \[s\].
+    uncovered_s: f64,
 }
 
 impl Default for VehicleRates {
     /// Before the first report.
     fn default() -> Self {
         let void = (f64::NEG_INFINITY, Vector3::zeros(), Vector3::zeros());
-        Self { reports: [void; KEPT], next: 0, count: 0, last_gap_s: f64::NEG_INFINITY }
+        Self { reports: [void; KEPT], next: 0, count: 0, uncovered_s: 0.0 }
     }
 }
 
@@ -55,24 +56,13 @@ impl VehicleRates {
 
     /// Begins a flight: earlier gaps do not count.
     pub(super) fn restart(&mut self) {
-        self.last_gap_s = f64::NEG_INFINITY;
+        self.uncovered_s = 0.0;
     }
 
-    /// Notes whether there is a recent report at `now_s` \[s\].
-    pub(super) fn update(&mut self, now_s: f64) {
-        if self.count == 0 || now_s - self.back(1).0 > LONGEST_S {
-            self.record_gap(now_s);
-        }
-    }
-
-    /// Whether reports have come for some time before `now_s` \[s\] without a gap.
+    /// Whether the reports cover most of the flight up to `now_s` \[s\].
     pub(super) fn are_trusted(&self, now_s: f64) -> bool {
-        now_s - self.last_gap_s >= TRUSTED_S
-    }
-
-    /// Records a gap in the reports at `now_s` \[s\].
-    pub(super) fn record_gap(&mut self, now_s: f64) {
-        self.last_gap_s = now_s;
+        let waiting_s = (now_s - self.back(1).0 - LONGEST_S).max(0.0);
+        self.count > 0 && self.uncovered_s + waiting_s < LONGEST_UNCOVERED_S
     }
 
     /// Whether no further report is needed for the rotation until `t_s` \[s\].
@@ -80,8 +70,16 @@ impl VehicleRates {
         t_s - self.back(1).0 <= CONTINUED_S
     }
 
+    /// As [`Self::turn`], and counts whether the reports cover it.
+    pub(super) fn covered_turn(&mut self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
+        let turn = self.turn(from_s, to_s);
+        let gained_s = if turn.is_some() { -REGAINED } else { 1.0 } * (to_s - from_s);
+        self.uncovered_s = (self.uncovered_s + gained_s).clamp(0.0, 2.0 * LONGEST_UNCOVERED_S);
+        turn
+    }
+
     /// Rotation from `from_s` to `to_s` \[s\] \[rad, body axes\]; `None` if the reports do not cover it.
-    pub(super) fn turn(&self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
+    fn turn(&self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
         Some(self.angle(to_s)? - self.angle(from_s)?)
     }
 
@@ -123,23 +121,29 @@ mod tests {
     }
 
     #[test]
-    fn after_a_gap_reports_count_once_they_have_come_for_a_while() {
+    fn reports_that_leave_much_uncovered_are_not_trusted_until_they_cover_most() {
         let mut rates = VehicleRates::default();
-        let trusted = |rates: &mut VehicleRates, now_s: f64| {
-            rates.update(now_s);
-            rates.are_trusted(now_s)
+        assert!(!rates.are_trusted(0.0), "there is none");
+        // As [`VehicleRates::covered_turn`], after a report every `period_s` until `to_s`.
+        let mut report = |from_s: f64, to_s: f64, period_s: f64| {
+            let count = ((to_s - from_s) / period_s).round() as usize;
+            for k in 1..=count {
+                let now_s = from_s + period_s * k as f64;
+                rates.receive(now_s, Vector3::zeros());
+                rates.covered_turn(now_s - period_s, now_s);
+            }
+            rates
         };
-        rates.receive(0.0, Vector3::zeros());
-        assert!(trusted(&mut rates, 0.125) && !trusted(&mut rates, 0.25));
-        for k in 3..200 {
-            let now_s = 0.125 * f64::from(k);
-            rates.receive(now_s, Vector3::zeros());
-            assert_eq!(trusted(&mut rates, now_s), now_s >= 10.25, "{now_s}");
-        }
-        rates.record_gap(25.0);
-        assert!(!trusted(&mut rates, 24.9));
+        assert!(
+            report(0.0, 5.0, 0.05).are_trusted(5.6) && !report(5.0, 5.05, 0.05).are_trusted(5.8)
+        );
+        assert!(report(5.05, 5.3, 0.25).are_trusted(5.3), "a gap");
+        assert!(!report(5.3, 7.3, 0.25).are_trusted(7.3), "each report after a gap");
+        assert!(
+            !report(7.3, 9.2, 0.05).are_trusted(9.2) && report(9.2, 9.5, 0.05).are_trusted(9.5)
+        );
         rates.restart();
-        assert!(trusted(&mut rates, 24.9));
+        assert!(rates.are_trusted(9.5));
     }
 
     #[test]

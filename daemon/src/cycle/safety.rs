@@ -170,7 +170,10 @@ impl SafetyMonitor {
     /// descended for too long.
     fn may_descend(&self, now: Time, intake: &Intake) -> bool {
         let is_possible = |last: &Accepted| self.descent.is_possible(now.since(last.captured_at));
-        intake.was_airborne() && intake.last_pose().is_some_and(is_possible)
+        // Where poses lied, the motion is not known from which it would descend.
+        !intake.consistency().contradicts()
+            && intake.was_airborne()
+            && intake.last_pose().is_some_and(is_possible)
     }
 
     /// The limits of this tick. In flight the motion is that at the instant at which a command takes effect.
