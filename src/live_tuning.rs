@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::{InstancePaths, quoted};
-use oqtal_config::{Config, Interface, Setting};
+use oqtal_config::{Config, Setting};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::tune::live::{self, LiveTuning};
-use oqtal_lab::tune::trade::too_little_margin;
+use oqtal_lab::tune::trade::{too_little_margin, way_to_more_margin};
 use oqtal_lab::tune::tuned::Tuned;
 use oqtal_lab::tune::{LiveArgs, TuneArgs};
 use oqtal_operator::CtlRequest;
@@ -55,10 +55,11 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let config = daemon_config(&paths).ok_or_else(|| silent(&paths))?;
     let settings = present_settings(&bus)?;
     let present = Config::from_settings(&settings)?;
+    live::law_of(&present)?;
     let mut hover = ObservedHover::open(&bus, &config)?;
     hover.follow(FIRST_TICK_S, None)?;
     let files = LiveTuningFiles::begin(args, present.control.controller.name())?;
-    tell_on_interrupt(&paths)?;
+    handle_interrupts(&paths)?;
 
     say(&format!("oqtal: stops, and measures the error of its hover for {HOVER_S} s"));
     ask(&bus, CtlRequest::Hover, &[])?;
@@ -73,12 +74,16 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     files.write_vehicle(&identification, (&paths, &present))?;
     let kept = files.with_config(&paths, &before.settings);
     let found = live::tune(identification, &kept, search, &Progress::default())?;
-    files.write(&found)?;
+    files.write(&found.tuned)?;
     let is_better = found.tuned.objective < found.tuned.start;
     if is_better && *apply {
         return apply_gains(&found, (&bus, &config), &before, *least_margin_ratio);
     }
-    if is_better { propose(&found.tuned, &paths) } else { Ok(Exit::Ok) }
+    if is_better {
+        let objection = objection(&found, *least_margin_ratio);
+        propose(&found.tuned, objection.as_deref(), &paths)?;
+    }
+    Ok(Exit::Ok)
 }
 
 /// Fails unless the settings `now` are those `before` the search.
@@ -101,24 +106,26 @@ fn require_unchanged(
     }
 }
 
-/// Fails if the flight does not determine the vehicle, or if the gains have a disk margin below `least` \[-\].
-fn require_sound(found: &LiveTuning, interface: Interface, least: f64) -> Result<(), Failure> {
-    let refused = |reason: String| Err(Failure::new(Exit::Flight, reason));
-    let undetermined = live::undetermined(&found.identification.findings);
-    if !undetermined.is_empty() {
-        return refused(format!(
-            "nothing was applied: the flight did not determine {}, as explained above; repeat the command with a larger excitation \
-             (trajectory.excitation), or check the values of [vehicle] and use the command above",
-            undetermined.join(", ")
+/// Fails if there is an [`objection`] to the gains.
+fn require_sound(found: &LiveTuning, least: f64) -> Result<(), Failure> {
+    match objection(found, least) {
+        Some(reason) => Err(Failure::new(Exit::Flight, format!("nothing was applied: {reason}"))),
+        None => Ok(()),
+    }
+}
+
+/// Reason against the gains and remedy: the flight does not determine the vehicle, or the disk margin is below `least` \[-\].
+fn objection(found: &LiveTuning, least: f64) -> Option<String> {
+    if !found.undetermined.is_empty() {
+        return Some(format!(
+            "the flight did not determine {}, so the search took the values of [vehicle]; repeat the command with a larger excitation \
+             (trajectory.excitation), or check these values before you change the gains",
+            found.undetermined.join(", ")
         ));
     }
-    // Margins are known of vehicles that are commanded by rates.
-    match too_little_margin(&found.tuned.components, least) {
-        Some(reason) if interface == Interface::Rate => refused(format!(
-            "nothing was applied: {reason}; search for softer gains with a greater weight of the jitter (--weights), or lower --least-disk-margin"
-        )),
-        _ => Ok(()),
-    }
+    let reason = too_little_margin(&found.tuned.components, least)?;
+    let way = way_to_more_margin(found.tuned.is_predictive());
+    Some(format!("{reason}; {way}; with --apply, --least-disk-margin changes the limit"))
 }
 
 /// Fails unless the vehicle is still at the end of the excitation, by the `course` of its flight.
@@ -134,12 +141,12 @@ fn require_at_end(course: &str, is_at_rest: bool, place: &str) -> Result<(), Fai
 }
 
 /// Ends the excitation on a signal, tells the operator that the vehicle flies on, and ends the command.
-fn tell_on_interrupt(paths: &InstancePaths) -> Result<(), Failure> {
+fn handle_interrupts(paths: &InstancePaths) -> Result<(), Failure> {
     let place = paths.flags();
     let text = format!(
         "oqtal: interrupted; a vehicle in flight flies on: `oqtal ctl hover {place}` or `oqtal ctl land {place}`"
     );
-    let undo = format!("oqtal: the new gains may be in use: {}", undo(paths));
+    let undo = format!("oqtal: {}", may_be_in_use(paths));
     let paths = paths.clone();
     let handler = move || {
         say(&text);
@@ -160,17 +167,22 @@ fn undo(paths: &InstancePaths) -> String {
     format!("`oqtal ctl undo {}` takes them back", paths.flags())
 }
 
+/// Note on gains that the daemon may have applied.
+fn may_be_in_use(paths: &InstancePaths) -> String {
+    format!("the new gains may be in use: {}", undo(paths))
+}
+
 /// `KEY=VALUE` of each gain.
 fn assignments(tuned: &Tuned) -> Vec<String> {
     tuned.values.iter().map(|(key, value)| format!("{key}={value:?}")).collect()
 }
 
-/// Prints the command that changes the gains in flight.
-fn propose(tuned: &Tuned, paths: &InstancePaths) -> Result<Exit, Failure> {
+/// Prints the command that changes the gains in flight, after the `objection` to them.
+fn propose(tuned: &Tuned, objection: Option<&str>, paths: &InstancePaths) -> Result<(), Failure> {
     let settings: Vec<String> = assignments(tuned).iter().map(|text| quoted(text)).collect();
     let (settings, place) = (settings.join(" "), paths.flags());
-    print(&format!("change them in flight: oqtal ctl set {settings} {place}"))?;
-    Ok(Exit::Ok)
+    let objection = objection.map_or_else(String::new, |reason| format!("warning: {reason}\n"));
+    print(&format!("{objection}change them in flight: oqtal ctl set {settings} {place}"))
 }
 
 /// Changes the gains in flight, and prints the error of a hover with them and before. Gains that cannot be applied are proposed.
@@ -186,10 +198,10 @@ fn apply_gains(
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
     let course = requests::present_course(bus)?;
-    let ready = require_sound(found, config.vehicle.interface, least_margin_ratio)
+    let ready = require_sound(found, least_margin_ratio)
         .and_then(|()| require_at_end(&course, hover.is_at_rest(), &paths.flags()));
     if let Err(failure) = ready {
-        propose(tuned, paths)?;
+        propose(tuned, None, paths)?;
         return Err(failure);
     }
     // Before the request: an interrupt during it must name the undo.
@@ -212,7 +224,7 @@ fn apply_gains(
 fn without_answer(Failure { exit, message }: Failure, paths: &InstancePaths) -> Failure {
     match exit {
         Exit::Flight => Failure::new(exit, message),
-        _ => Failure::new(exit, format!("{message}; the new gains may be in use: {}", undo(paths))),
+        _ => Failure::new(exit, format!("{message}; {}", may_be_in_use(paths))),
     }
 }
 

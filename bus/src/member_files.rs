@@ -28,9 +28,11 @@ impl Members {
         let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false).mode(0o600).custom_flags(flags);
-        let file = options
-            .open(&path)
-            .map_err(|error| system(format!("opening {}", path.display()), &error))?;
+        let file = options.open(&path).map_err(|error| {
+            let is_other = error.kind() == io::ErrorKind::IsADirectory;
+            let remedy = if is_other { "; remove this directory" } else { "" };
+            system(format!("opening {}", path.display()), &format_args!("{error}{remedy}"))
+        })?;
         // Waits at most for a process that is just looking whether there are members.
         flock(&file, FlockOperation::LockShared)
             .map_err(|error| system(format!("joining {}", directory.display()), &error))?;

@@ -13,6 +13,7 @@ mod header;
 mod schema;
 #[cfg(test)]
 mod tests;
+mod vehicle;
 
 pub use bodies::{
     CommandV1, HealthV1, InputV1, PoseV1, ReferenceV1, TelemetryV1, TimeAdvanceV1, TruthV1,

@@ -5,31 +5,32 @@ use crate::config::{Config, RATE_TOLERANCE};
 /// Deviation of the rate of the poses from `safety.pose-rate-hz` above which the loop runs at another rate than configured \[-\].
 const OTHER_RATE: f64 = 0.1;
 /// Rate of the cameras over that of the loop below which the loop is slowed down \[-\].
-const SLOW: f64 = 0.97;
+const LEAST_RATE_RATIO: f64 = 0.97;
 /// Deviation of a measured rate from a whole number of hertz that is an error of the measurement \[-\].
-const MEASUREMENT: f64 = 0.005;
+const MEASUREMENT_ERROR: f64 = 0.005;
 
 impl Config {
-    /// Whether poses at `measured_hz` \[Hz\] do not arrive at `safety.pose-rate-hz`.
+    /// Whether `measured_hz` \[Hz\] deviates from `safety.pose-rate-hz` by more than 10 %.
     pub fn is_other_pose_rate(&self, measured_hz: f64) -> bool {
         (measured_hz / self.safety.pose_rate_hz - 1.0).abs() > OTHER_RATE
     }
 
-    /// The fact that cameras at `measured_hz` \[Hz\] do not have the rate that the settings expect, and the settings for which they have;
-    /// `None` if they have it.
+    /// Advice for cameras at `measured_hz` \[Hz\]: the mismatch with the settings, and settings that match; `None` if the settings match.
     pub fn camera_rate_advice(&self, measured_hz: f64) -> Option<CameraRateAdvice> {
         let (expected_hz, wanted_hz) = (self.safety.pose_rate_hz, self.control.rate_hz);
-        let (is_slow, is_uneven) = (measured_hz < SLOW * wanted_hz, self.rate_warning().is_some());
+        let (is_slow, is_uneven) =
+            (measured_hz < LEAST_RATE_RATIO * wanted_hz, self.rate_warning().is_some());
         if !(is_slow || is_uneven || self.is_other_pose_rate(measured_hz)) {
             return None;
         }
         let every = self.poses_per_tick();
-        let found = match is_slow {
-            true => format!("{measured_hz:.1} Hz, for a loop of {wanted_hz} Hz"),
-            false => format!(
+        let found = if is_slow {
+            format!("{measured_hz:.1} Hz, for a loop of {wanted_hz} Hz")
+        } else {
+            format!(
                 "{measured_hz:.1} Hz, and safety.pose-rate-hz = {expected_hz}: the loop acts on one pose in {every}, at {:.1} Hz, while its laws are designed for {wanted_hz} Hz",
                 measured_hz / every
-            ),
+            )
         };
         let [poses_hz, loop_hz] = self.rates_for(measured_hz);
         let settings = [
@@ -38,9 +39,10 @@ impl Config {
         ];
         let changed = settings.into_iter().filter(|(_, present, next)| present != next);
         let changed: Vec<_> = changed.map(|(key, _, next)| format!("{key} = {next}")).collect();
-        let raise = match is_slow && !is_uneven {
-            true => format!("raise the cameras' rate to {expected_hz} Hz, or "),
-            false => String::new(),
+        let raise = if is_slow && !is_uneven {
+            format!("raise the cameras' rate to {expected_hz} Hz, or ")
+        } else {
+            String::new()
         };
         let remedy = format!("{raise}set {}", changed.join(" and "));
         Some(CameraRateAdvice { found, remedy, loop_hz })
@@ -50,7 +52,7 @@ impl Config {
     /// the one next to the present rate of the loop.
     fn rates_for(&self, measured_hz: f64) -> [f64; 2] {
         let (whole_hz, wanted_hz) = (measured_hz.round(), self.control.rate_hz);
-        let is_whole = (measured_hz / whole_hz - 1.0).abs() < MEASUREMENT;
+        let is_whole = (measured_hz / whole_hz - 1.0).abs() < MEASUREMENT_ERROR;
         let poses_hz = if is_whole { whole_hz } else { (measured_hz * 10.0).round() / 10.0 };
         let loop_hz = poses_hz / (poses_hz / wanted_hz).round().max(1.0);
         let is_kept = (loop_hz / wanted_hz - 1.0).abs() <= RATE_TOLERANCE;

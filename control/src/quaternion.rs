@@ -96,8 +96,42 @@ impl Attitude {
         (self.0.inverse() * other.0).scaled_axis()
     }
 
+    /// Angle between the body's z axis and the vertical, 0..pi \[rad\].
+    pub fn tilt_rad(&self) -> f64 {
+        self.to_world(&Vector3::z()).angle(&Vector3::z())
+    }
+
+    /// The attitude, turned towards the vertical the short way until it is tilted by at most `limit_rad` \[rad\].
+    pub fn within_tilt(&self, limit_rad: f64) -> Self {
+        let excess_rad = self.tilt_rad() - limit_rad;
+        let axis = self.to_world(&Vector3::z()).cross(&Vector3::z()).try_normalize(1e-9);
+        match axis {
+            Some(axis) if excess_rad > 0.0 => {
+                Self(UnitQuaternion::from_scaled_axis(axis * excess_rad) * self.0)
+            }
+            _ => *self,
+        }
+    }
+
     /// The angle between two attitudes, 0..pi \[rad\].
     pub fn angle_to(&self, other: &Self) -> f64 {
         self.0.angle_to(&other.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tilt_is_limited_in_its_direction_and_a_smaller_one_is_kept() {
+        let tilted = Attitude::from_rotation_vector(Vector3::new(0.3, -1.7, 0.4));
+        let limited = tilted.within_tilt(0.2);
+        let [before, after] = [tilted, limited].map(|attitude| attitude.to_world(&Vector3::z()));
+        assert!((limited.tilt_rad() - 0.2).abs() < 1e-12);
+        assert!(before.xy().normalize().dot(&after.xy().normalize()) > 1.0 - 1e-12);
+        assert_eq!(limited.within_tilt(0.21), limited);
+        let over = Attitude::from_rotation_vector(Vector3::x() * std::f64::consts::PI);
+        assert!(over.within_tilt(0.2).is_finite());
     }
 }

@@ -197,7 +197,7 @@ impl DaemonWorker {
         let Self { requests, poses, pose_rate, .. } = self;
         let config = requests.settings.as_ref().map(LiveSettings::present);
         let (Ok(Some((header, _))), Some(config)) = (poses.latest(), config) else { return };
-        pose_rate.take(&header, config);
+        pose_rate.take(Time::now(), &header, config);
         let warning = pose_rate.warning();
         if let (Some(warning), None) = (warning, &requests.warning) {
             tracing::warn!("{warning}");

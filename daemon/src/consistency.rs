@@ -46,7 +46,7 @@ use commanded::CommandedRotation;
 use direction::DirectionTest;
 use heading::HeadingProbe;
 use pending::{PendingRotations, SeenRotation};
-use rotation::{Accuracy, RotationTest};
+use rotation::{Accuracy, DrivenRotation, RotationTest, Source};
 use standstill::StandstillTest;
 use vehicle_rates::VehicleRates;
 
@@ -112,8 +112,8 @@ pub struct PoseConsistency {
     commanded: CommandedRotation,
     /// The last pose in the air, with its instant \[s\].
     last: Option<(f64, MeasuredPose)>,
-    /// Whether rotations are compared with the gyroscope.
-    by_gyroscope: bool,
+    /// Source of the rotations whose evidence counts.
+    source: Source,
     /// Rotations seen after the last report of the gyroscope.
     pending: PendingRotations,
     /// Whether the vehicle has been in the air in this flight.
@@ -141,7 +141,7 @@ impl PoseConsistency {
             rates: VehicleRates::default(),
             commanded: CommandedRotation::default(),
             last: None,
-            by_gyroscope: false,
+            source: Source::Commands,
             pending: PendingRotations::default(),
             has_flown: false,
             gyroscope: RotationTest::new(Accuracy::GYROSCOPE, limit, deviation),
@@ -160,6 +160,7 @@ impl PoseConsistency {
     pub fn restart(&mut self) {
         self.clear();
         self.rates.restart();
+        self.pending = PendingRotations::default();
         (self.contradicts, self.stays_on_floor, self.has_flown) = (false, false, false);
         (self.standstill, self.unseen) = (StandstillTest::default(), Vector3::zeros());
     }
@@ -230,9 +231,9 @@ impl PoseConsistency {
         }
         let turn = last.attitude.rotation_to(&pose.attitude);
         let seen = SeenRotation { from_s: last_s, to_s: t_s, turn, is_airborne };
-        let by_gyroscope = self.rates.are_trusted(t_s);
-        if by_gyroscope != self.by_gyroscope {
-            (self.by_gyroscope, self.unseen) = (by_gyroscope, Vector3::zeros());
+        let source = if self.rates.are_trusted(t_s) { Source::Gyroscope } else { Source::Commands };
+        if source != self.source {
+            (self.source, self.unseen) = (source, Vector3::zeros());
             self.heading.end();
         }
         self.pending.push(seen);
@@ -241,13 +242,14 @@ impl PoseConsistency {
             self.commands.clear();
             self.commands.begin_again();
             self.commanded = CommandedRotation::default();
-            if !by_gyroscope {
+            if source == Source::Commands {
                 self.heading.end();
                 self.evidence = PoseEvidence::default();
             }
         } else if is_airborne {
-            let driven = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
-            self.test_rotation(false, &seen, &driven, noise, expected.turns);
+            let turn = self.commanded.turn(tracker, &last.attitude, (last_s, t_s));
+            let driven = DrivenRotation { source: Source::Commands, turn };
+            self.test_rotation(&seen, &driven, noise, expected.turns);
         }
         self.test_motion(tracker, (pose, noise), (dt_s, is_airborne), expected);
         self.contradicts |= self.evidence.ending() >= 1.0;
@@ -256,36 +258,39 @@ impl PoseConsistency {
     /// Compares the rotations that the reports of the gyroscope now cover, and leaves out those in a gap of the reports.
     fn compare_with_gyroscope(&mut self, noise: &PoseDeviations, is_airborne: bool, turns: bool) {
         while let Some(mut seen) = self.pending.take_if(|to_s| self.rates.reach(to_s)) {
-            let Some(driven) = self.rates.covered_turn(seen.from_s, seen.to_s) else { continue };
+            let Some(turn) = self.rates.covered_turn(seen.from_s, seen.to_s) else { continue };
             seen.is_airborne &= is_airborne;
-            self.test_rotation(true, &seen, &driven, noise, turns);
-            if self.by_gyroscope {
-                // What the commands show counts from the last report on.
+            let driven = DrivenRotation { source: Source::Gyroscope, turn };
+            self.test_rotation(&seen, &driven, noise, turns);
+            if self.source == Source::Gyroscope {
+                // Evidence from commands covers the time since the last report only.
                 self.commands.discard_evidence();
             }
         }
     }
 
-    /// Compares a rotation seen with that of the gyroscope or of the commands; the evidence is that of the source in use.
+    /// Compares a rotation seen with that of the vehicle; the evidence is that of the source in use.
     fn test_rotation(
         &mut self,
-        is_of_gyroscope: bool,
         &SeenRotation { from_s, to_s: t_s, turn: ref seen, is_airborne }: &SeenRotation,
-        driven: &Vector3<f64>,
+        &DrivenRotation { source, turn: ref driven }: &DrivenRotation,
         noise: &PoseDeviations,
         turns: bool,
     ) {
         let dt_s = t_s - from_s;
-        let test = if is_of_gyroscope { &mut self.gyroscope } else { &mut self.commands };
+        let test = match source {
+            Source::Gyroscope => &mut self.gyroscope,
+            Source::Commands => &mut self.commands,
+        };
         let angles = test.take((seen, driven), noise.attitude_rad, (t_s, dt_s), is_airborne);
-        if is_of_gyroscope != self.by_gyroscope {
+        if source != self.source {
             return;
         }
-        if is_of_gyroscope {
+        if source == Source::Gyroscope {
             self.unseen += driven - seen - self.unseen * (dt_s / UNSEEN_S).min(1.0);
         }
         let Some(angles) = angles else { return };
-        let needed = !is_of_gyroscope || test.unconfirmed_s() > UNCONFIRMED_S;
+        let needed = source == Source::Commands || test.unconfirmed_s() > UNCONFIRMED_S;
         if turns {
             self.heading.end();
         }
@@ -345,7 +350,8 @@ impl PoseConsistency {
 
     /// Discards the evidence.
     fn clear(&mut self) {
-        (self.gyroscope.clear(), self.commands.clear());
+        self.gyroscope.clear();
+        self.commands.clear();
         self.direction = DirectionTest::default();
         self.heading.end();
         self.evidence = PoseEvidence::default();
@@ -353,7 +359,8 @@ impl PoseConsistency {
 
     /// Discards the rotations: the poses have a gap.
     fn begin_again(&mut self) {
-        (self.gyroscope.begin_again(), self.commands.begin_again());
+        self.gyroscope.begin_again();
+        self.commands.begin_again();
         self.unseen = Vector3::zeros();
         self.commanded = CommandedRotation::default();
         self.pending = PendingRotations::default();

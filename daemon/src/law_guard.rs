@@ -49,7 +49,7 @@ pub struct GuardedTick<'a> {
 pub struct GuardReport {
     /// Failures of the law in this flight \[-\].
     pub handovers: u64,
-    /// Reason for the last one.
+    /// First reason against the law since it last flew; [`HandoverCause::Absent`] while no law is connected.
     pub cause: HandoverCause,
     /// Whether the fallback law computed the last command.
     pub is_fallback: bool,
@@ -74,7 +74,8 @@ pub struct LawGuard {
     flown: u32,
     /// Whether the law failed and has not returned.
     failed: bool,
-    /// Reason for the last failure; `None` without one, and while the only one is that no law was connected.
+    /// First reason against the law since it last flew; `None` without one. [`HandoverCause::Absent`] only if a law that flew was gone,
+    /// until there is another reason.
     failure: HandoverCause,
     /// Whether no law was connected in the last tick.
     is_absent: bool,
@@ -229,12 +230,18 @@ impl LawGuard {
 
     /// Notes that the law fails in this tick, by `reason`, or waits for its return.
     fn note_failure(&mut self, reason: HandoverCause) {
-        let is_absent = reason == HandoverCause::Absent;
-        if self.failure == HandoverCause::None && !is_absent {
+        use HandoverCause::{Absent, None};
+        let hands_over = !self.report.is_fallback;
+        let is_first = match reason {
+            None => false,
+            Absent => hands_over,
+            _ => matches!(self.failure, None | Absent),
+        };
+        if is_first {
             self.failure = reason;
         }
-        self.report.cause = if is_absent { reason } else { self.failure };
-        if !self.report.is_fallback {
+        self.report.cause = if reason == Absent { Absent } else { self.failure };
+        if hands_over {
             self.record_failure();
         } else if self.good == 0 {
             // A law that has not flown hands nothing over, but returns like any other that failed.
@@ -344,4 +351,31 @@ impl LiveGuard {
 fn is_dangerous(cause: HandoverCause) -> bool {
     use HandoverCause::{Fence, Floor, NotFinite, OutOfRange, Rate, Speed, Tilt};
     matches!(cause, NotFinite | OutOfRange | Tilt | Rate | Speed | Fence | Floor)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use HandoverCause::{Absent, Ended, None, Tilt};
+
+    #[test]
+    fn the_first_reason_since_the_law_flew_stays_the_cause_until_it_returns() {
+        for (has_flown, reasons) in [
+            (
+                true,
+                [(Absent, Absent), (None, Absent), (Tilt, Tilt), (Absent, Absent), (None, Tilt)],
+            ),
+            (true, [(Ended, Ended), (Absent, Absent), (None, Ended), (Tilt, Ended), (None, Ended)]),
+            (false, [(Absent, Absent), (None, None), (Tilt, Tilt), (Absent, Absent), (None, Tilt)]),
+        ] {
+            let mut guard = LawGuard::new(&Config::default()).unwrap();
+            guard.report.is_fallback = !has_flown;
+            for (reason, cause) in reasons {
+                guard.note_failure(reason);
+                guard.report.is_fallback = true;
+                assert_eq!(guard.report.cause, cause, "{reasons:?}");
+            }
+            assert_eq!(guard.report.handovers, u64::from(has_flown));
+        }
+    }
 }

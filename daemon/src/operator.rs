@@ -143,8 +143,8 @@ impl OperatorRequests {
         if is_status {
             self.take_changes();
             let law = self.law_and_trajectory(response.mode);
-            let planned = self.last.first_flight.planned().map(str::to_owned);
-            let text = first_lines(&[law].into_iter().chain(planned).collect::<Vec<_>>());
+            let pending = self.last.first_flight.pending_text().map(str::to_owned);
+            let text = first_lines(&[law].into_iter().chain(pending).collect::<Vec<_>>());
             return ControlResponseV1 { text, ..response };
         }
         publish_answered(&request, event, &response, publish);

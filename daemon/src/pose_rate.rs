@@ -1,12 +1,14 @@
 //! Rate at which poses arrive, compared with the one that the loop expects. For the background thread.
 
 use oqtal_bus::message::Header;
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
 /// Shortest window in which poses are counted.
 const WINDOW: Span = Span::from_millis(1000);
-/// Time with another rate in every window after which there is a warning. A pause of the cameras is shorter, or is reported as such.
+/// Time without a pose that is a pause: a window with one is not used, and a warning ends with it.
+const PAUSE: Span = Span::from_millis(2000);
+/// Time with another rate in every window after which there is a warning.
 const LASTING: Span = Span::from_millis(5000);
 /// Share of lost frames above which a window is not used: the loss has a warning of its own \[0..1\].
 const MOST_LOST: f64 = 0.05;
@@ -14,6 +16,8 @@ const MOST_LOST: f64 = 0.05;
 /// Monitor of the rate of the poses.
 #[derive(Debug, Default)]
 pub(crate) struct PoseRate {
+    /// The newest pose, with the instant at which it was taken first.
+    newest: Option<(Time, Header)>,
     /// The pose at which the present window began.
     window: Option<Header>,
     /// The pose since which all windows have had another rate.
@@ -22,12 +26,15 @@ pub(crate) struct PoseRate {
 }
 
 impl PoseRate {
-    /// Takes the header of the newest pose.
-    pub(crate) fn take(&mut self, header: &Header, config: &Config) {
+    /// Takes the header of the newest pose, new or not, at `now`.
+    pub(crate) fn take(&mut self, now: Time, header: &Header, config: &Config) {
+        let known = self.newest.filter(|(_, it)| it == header);
+        let (taken_at, _) = *self.newest.insert(known.unwrap_or((now, *header)));
         let window = *self.window.get_or_insert(*header);
-        if window.source != header.source {
-            *self = Self { window: Some(*header), ..Self::default() };
-        } else if elapsed(&window, header) >= WINDOW {
+        let length = elapsed(&window, header);
+        if window.source != header.source || length.max(now.since(taken_at)) > PAUSE {
+            *self = Self { newest: self.newest, window: Some(*header), ..Self::default() };
+        } else if length >= WINDOW {
             let is_whole = share_lost(&window, header) <= MOST_LOST;
             self.window = Some(*header);
             if !(is_whole && config.is_other_pose_rate(rate_hz(&window, header))) {
@@ -74,7 +81,7 @@ mod tests {
     use super::*;
 
     /// The monitor after `seconds` \[s\] of poses at `rate_hz` \[Hz\], of which `is_lost` says which frames are lost.
-    fn warning(rate_hz: u64, seconds: u64, is_lost: fn(u64) -> bool) -> Option<String> {
+    fn monitor(rate_hz: u64, seconds: u64, is_lost: fn(u64) -> bool) -> PoseRate {
         let (mut rate, config) = (PoseRate::default(), Config::default());
         let frames = (1..=rate_hz * seconds).filter(|frame| !is_lost(*frame));
         for (sequence, pose_sequence) in (1..).zip(frames) {
@@ -82,9 +89,14 @@ mod tests {
             let pose_published_at = Time::VIRTUAL_START + at;
             let stamps = Stamps { pose_published_at, ..Stamps::default() };
             let header = Header { sequence, pose_sequence, source: 1, stamps, ..Header::default() };
-            rate.take(&header, &config);
+            rate.take(pose_published_at, &header, &config);
         }
-        rate.warning().cloned()
+        rate
+    }
+
+    /// The warning after the poses of [`monitor`].
+    fn warning(rate_hz: u64, seconds: u64, is_lost: fn(u64) -> bool) -> Option<String> {
+        monitor(rate_hz, seconds, is_lost).warning().cloned()
     }
 
     #[test]
@@ -107,5 +119,24 @@ mod tests {
         assert_eq!(warning(64, 20, |_| false), None);
         assert_eq!(warning(60, 20, |frame| frame % 5 == 0), None);
         assert_eq!(warning(60, 20, |frame| (300..420).contains(&frame)), None);
+    }
+
+    #[test]
+    fn a_pause_is_not_another_rate_and_ends_a_warning() {
+        for (rate_hz, is_warned) in [(60, false), (100, true)] {
+            let mut rate = monitor(rate_hz, 8, |_| false);
+            assert_eq!(rate.warning().is_some(), is_warned);
+            let (mut now, mut header) = rate.newest.unwrap();
+            for _ in 0..60 {
+                now = now + Span::from_millis(1000);
+                rate.take(now, &header, &Config::default());
+            }
+            assert_eq!(rate.warning(), None, "the newest pose is old");
+            header.sequence += 1;
+            header.pose_sequence += 1;
+            header.stamps.pose_published_at = now;
+            rate.take(now, &header, &Config::default());
+            assert_eq!(rate.warning(), None, "a window with a pause");
+        }
     }
 }

@@ -58,7 +58,7 @@ impl VehicleWatch {
         self.is_replaced |= self.source.is_some_and(|known| known != source);
         self.source = Some(source);
         self.last = Some((now, *vehicle));
-        if vehicle.link != 0 {
+        if vehicle.answers() {
             self.answered_at = Some(now);
         }
         if vehicle.armed != 0 && vehicle.starting == 0 {
@@ -83,7 +83,7 @@ impl VehicleWatch {
     /// Whether the vehicle answers, by the last message, which is not too old.
     pub fn answers(&self, now: Time) -> bool {
         !self.is_old(now, self.last.map(|(at, _)| at))
-            && self.last.is_some_and(|(_, vehicle)| vehicle.link != 0)
+            && self.last.is_some_and(|(_, vehicle)| vehicle.answers())
     }
 
     /// The last message about the vehicle, if it is not too old, whether the vehicle answers or not.

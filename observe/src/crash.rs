@@ -11,8 +11,10 @@ use crate::flight_sample::FlightSample;
 
 /// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
 const TURNED_OVER: f64 = 0.17;
-/// Speed towards the floor above which contact is a crash \[m/s\]: several times the speed of a landing.
+/// Speed above which contact with the floor is a crash \[m/s\]: several times the speed of a landing.
 const HARD_M_S: f64 = 1.5;
+/// Least sink rate of a vehicle that the floor stops \[m/s\]: one that skims over the floor changes its sink rate, too.
+const LEAST_FALL_M_S: f64 = 0.1;
 /// Height above the floor up to which a vehicle may be in contact with it \[m\].
 const AT_FLOOR_M: f64 = 0.05;
 /// Height above the floor below which a vehicle in flight is on it, or has just left it again \[m\]: more than it rises within a tick.
@@ -95,7 +97,8 @@ impl Crash {
         floor_m: f64,
     ) -> Option<Self> {
         let [fall, rest] = [before, sample].map(|sample| -sample.velocity().z);
-        let touches = sample.position().z < floor_m + AT_FLOOR_M && rest < 0.5 * fall;
+        let is_stopped = fall > LEAST_FALL_M_S && rest < 0.5 * fall;
+        let touches = sample.position().z < floor_m + AT_FLOOR_M && is_stopped;
         let speed = before.velocity().norm();
         (touches && speed > HARD_M_S).then_some(Self::Hard { speed })
     }
@@ -166,6 +169,8 @@ mod tests {
         let said = |before, after| Crash::at_touchdown(&before, &after, 0.0).map(|c| c.to_string());
         let sideways = said(with(0.01, [3.0, 0.0, -0.6]), with(0.0, [2.9, 0.0, 0.0]));
         assert_eq!(sideways.unwrap(), "hit the floor at 3.1 m/s");
+        let skims = said(with(0.03, [3.0, 0.0, 0.01]), with(0.03, [3.0, 0.0, 0.01]));
+        assert_eq!(skims, None, "a low path");
         let hard = said(moving(0.03, -2.54), moving(0.0, 0.0));
         assert_eq!(hard.unwrap(), "hit the floor at 2.5 m/s");
         assert_eq!(said(moving(0.01, -0.6), moving(0.0, 0.0)), None, "a landing");

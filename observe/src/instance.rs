@@ -214,7 +214,7 @@ impl InstanceModel {
         let Some(Newest { body: before, .. }) = self.vehicle.replace(newest) else { return };
         let is_known = reported_motors(vehicle).is_some();
         let off = if is_known { "motors off" } else { "motors unknown" };
-        let [was_linked, is_linked] = [before.link, vehicle.link].map(|link| u8::from(link != 0));
+        let [was_linked, is_linked] = [&before, vehicle].map(|it| u8::from(it.answers()));
         let changes = [
             (before.armed, vehicle.armed, [off, "motors run"]),
             (was_linked, is_linked, ["vehicle silent", "vehicle answers"]),

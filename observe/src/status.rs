@@ -206,7 +206,7 @@ impl VehicleStatus {
         let is_told = |it: &ControlHolder| *it != ControlHolder::Nobody || armed == Some(false);
         Self {
             simulated: vehicle.simulated != 0,
-            link: vehicle.link != 0,
+            link: vehicle.answers(),
             armed,
             starting: vehicle.is_starting(),
             is_being_stopped: vehicle.is_being_stopped(),

@@ -77,7 +77,7 @@ impl WireRecord {
     /// Adds a vehicle message; of those that come while the vehicle is not armed, only the newest message is kept.
     pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1, is_armed: bool) {
         self.latest = Some(*vehicle);
-        self.answered |= vehicle.link != 0;
+        self.answered |= vehicle.answers();
         let (stamps, wire) = (&header.stamps, Span::from_nanos(vehicle.wire_ns));
         // A simulated vehicle takes its commands from the bus. A datagram does not occupy a wire, but has an age.
         if vehicle.simulated == 1 || !is_armed {

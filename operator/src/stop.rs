@@ -69,12 +69,12 @@ pub struct ObeyedStop {
     /// or does not run.
     #[serde(skip)]
     unanswered: Option<String>,
-    /// Why the stop words of the vehicle's process, which would confirm the stop, cannot be read.
+    /// Reason why the stop is not confirmed.
     #[serde(skip)]
     unconfirmed: Option<Unconfirmed>,
 }
 
-/// Reason why nobody can tell whether a signalled vehicle has obeyed.
+/// Reason why a stop is not confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Unconfirmed {
     /// This user may not look at the files of its process.
@@ -90,7 +90,7 @@ enum Unconfirmed {
 }
 
 impl Unconfirmed {
-    /// The reason, if the stop words of a vehicle were not raised, or their readers have ended.
+    /// Reason why the stop is not confirmed; `None` if no vehicle's process was signalled.
     fn of(reached: &Reached, raised: &RaisedStops) -> Option<Self> {
         let vehicles = || reached.processes.iter().zip(&reached.held).filter(|(p, _)| p.is_vehicle);
         if vehicles().next().is_some() && !vehicles().any(|(process, _)| process.is_running()) {

@@ -14,7 +14,7 @@ const LOOK_PERIOD: Span = Span::from_millis(100);
 const TROUBLE_PERIOD: Span = Span::from_millis(5000);
 /// Time without a frame after which a body is lost, where lost bodies have no frames.
 const BODY_SILENCE: Span = Span::from_millis(200);
-/// Time with frames after which a clock that is not known will not be: their stamps are missing, constant or in disorder.
+/// Time with frames after which an unknown clock is reported as having no usable stamps: missing, constant or in disorder.
 const UNDATED_TIME: Span = Span::from_millis(2000);
 
 /// The clock of one gate at the last look.

@@ -37,7 +37,7 @@ impl KeptFile {
         &self.path
     }
 
-    /// Makes the file with `make`, in place of any that is there.
+    /// Creates the file with `make`, and records its identity.
     ///
     /// # Errors
     /// The error of `make`.
@@ -47,8 +47,8 @@ impl KeptFile {
         Ok(made)
     }
 
-    /// Makes the file as [`KeptFile::make`]. `report` receives a line if the file had been removed, if it cannot be made for a
-    /// new reason, and when it can be made again.
+    /// Creates the file as [`KeptFile::make`]. `report` receives a line if the file had been removed, if it cannot be created for a
+    /// new reason, and when it is created after failures.
     pub fn renew<T>(
         &mut self,
         make: impl FnOnce(&Path) -> io::Result<T>,
@@ -60,11 +60,9 @@ impl KeptFile {
         match result {
             Ok(made) => {
                 if before.is_some() {
-                    report(&format!("{path} is made: the failure before is over"));
+                    report(&format!("{path} was created after earlier failures"));
                 } else if was_removed {
-                    report(&format!(
-                        "{path} was removed while its process runs, and is made again"
-                    ));
+                    report(&format!("{path} was removed while in use; it was created again"));
                 }
                 Some(made)
             }
@@ -72,9 +70,7 @@ impl KeptFile {
                 let reason = error.to_string();
                 if before.as_ref() != Some(&reason) {
                     let removed = if was_removed { " was removed, and" } else { "" };
-                    report(&format!(
-                        "{path}{removed} cannot be made: {reason}; repeated until it can"
-                    ));
+                    report(&format!("{path}{removed} cannot be created: {reason}; retrying"));
                 }
                 self.failure = Some(reason);
                 None
@@ -136,7 +132,7 @@ mod tests {
         assert_eq!(check(&mut file), nothing);
         for _ in 0..2 {
             fs::remove_file(file.path()).unwrap();
-            let told = "it was removed while its process runs, and is made again";
+            let told = "it was removed while in use; it was created again";
             assert_eq!(check(&mut file), (true, told.to_owned()));
             assert_eq!(check(&mut file), nothing);
         }
@@ -162,13 +158,12 @@ mod tests {
             let mut second = 0..;
             let mut check = |full| check(&mut file, second.next().unwrap(), full);
             let removed = if was_there { " was removed, and" } else { "" };
-            let told =
-                format!("it{removed} cannot be made: no storage space; repeated until it can");
+            let told = format!("it{removed} cannot be created: no storage space; retrying");
             assert_eq!(check(true), (false, told));
             for _ in 0..3 {
                 assert_eq!(check(true), (false, String::new()));
             }
-            assert_eq!(check(false), (true, "it is made: the failure before is over".to_owned()));
+            assert_eq!(check(false), (true, "it was created after earlier failures".to_owned()));
             assert_eq!(check(true), (false, String::new()), "it is there");
         }
     }

@@ -9,7 +9,7 @@ use oqtal_bus::time::{Span, Time};
 
 /// Pause before the first attempt.
 const SHORTEST_PAUSE: Span = Span::from_millis(100);
-/// Duration of an attempt above which it is logged.
+/// Duration of an attempt above which it is logged, once per search.
 const LONG_ATTEMPT: Span = Span::from_millis(10_000);
 /// Longest pause between two attempts.
 const LONGEST_PAUSE: Span = Span::from_millis(2000);
@@ -25,7 +25,10 @@ pub struct Reopener<T> {
     attempt: Option<Receiver<Result<T, String>>>,
     pause: Span,
     opened_at: Time,
+    /// Reason of the last failure since a success, which was logged.
     last_reason: String,
+    /// Whether a long attempt was logged since a success.
+    is_long_logged: bool,
 }
 
 impl<T: Send + 'static> Reopener<T> {
@@ -38,6 +41,7 @@ impl<T: Send + 'static> Reopener<T> {
             pause: Span::ZERO,
             opened_at: Time::UNSET,
             last_reason: String::new(),
+            is_long_logged: false,
         }
     }
 
@@ -63,8 +67,10 @@ impl<T: Send + 'static> Reopener<T> {
         };
         let result = match attempt.try_recv() {
             Err(TryRecvError::Empty) => {
-                if self.next.is_some_and(|since| now.since(since) >= LONG_ATTEMPT) {
-                    self.warn_once("opening takes longer than 10 s".to_owned());
+                let is_long = self.next.is_some_and(|since| now.since(since) >= LONG_ATTEMPT);
+                if is_long && !self.is_long_logged {
+                    tracing::warn!("opening takes longer than 10 s");
+                    self.is_long_logged = true;
                 }
                 return None;
             }
@@ -78,21 +84,18 @@ impl<T: Send + 'static> Reopener<T> {
             Ok(opened) => {
                 (self.next, self.opened_at) = (None, now);
                 self.last_reason.clear();
+                self.is_long_logged = false;
                 Some(opened)
             }
             Err(reason) => {
-                self.warn_once(reason);
+                if reason != self.last_reason {
+                    tracing::warn!("{reason}");
+                    self.last_reason = reason;
+                }
                 self.pause = self.grown();
                 self.next = Some(now + self.pause);
                 None
             }
-        }
-    }
-
-    fn warn_once(&mut self, reason: String) {
-        if reason != self.last_reason {
-            tracing::warn!("{reason}");
-            self.last_reason = reason;
         }
     }
 
@@ -185,5 +188,25 @@ mod tests {
             thread::yield_now();
         }
         assert_eq!(search.poll(due, || Ok::<_, String>(8)), Some(7));
+    }
+
+    #[test]
+    fn the_duration_and_the_reason_of_failed_attempts_are_logged_once_each() {
+        let mut search = Reopener::<u8>::new(GOOD_TIME);
+        search.begin(Time::VIRTUAL_START);
+        for (reason, result) in [("", Err("none")), ("none", Err("none")), ("none", Ok(7))] {
+            let due = search.next.unwrap();
+            let (answer, answered) = bounded(1);
+            assert_eq!(search.poll(due, move || answered.recv().unwrap()), None);
+            let late = due + LONG_ATTEMPT;
+            assert_eq!(search.poll(late, || Err("one attempt at a time")), None);
+            assert_eq!((search.last_reason.as_str(), search.is_long_logged), (reason, true));
+            answer.send(result).unwrap();
+            while search.attempt.as_ref().unwrap().is_empty() {
+                thread::yield_now();
+            }
+            assert_eq!(search.poll(late, || Err("nothing is due")), result.ok());
+        }
+        assert_eq!((search.last_reason.as_str(), search.is_long_logged), ("", false));
     }
 }

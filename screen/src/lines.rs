@@ -1,6 +1,6 @@
 //! The model as lines of text: a label, words, and their importance.
 
-use oqtal_bus::code::{ControlHolder, Mode, SafetyState};
+use oqtal_bus::code::{ControlHolder, Mode, SafetyState, VehicleLink};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Span;
@@ -102,7 +102,7 @@ fn vehicle(model: &InstanceModel) -> StatusLine {
         true => format!("{:.0} s ago: {state}", age.seconds()),
         false => state.to_string(),
     };
-    let is_well = body.link == 1 && body.stopped == 0 && age <= STALE;
+    let is_well = body.link == VehicleLink::Answers.code() && body.stopped == 0 && age <= STALE;
     line(label, text, if is_well { Weight::Plain } else { Weight::Warning })
 }
 
@@ -196,7 +196,7 @@ fn problems(model: &InstanceModel) -> StatusLine {
     if let Some(Newest { body, .. }) = model.vehicle {
         let taken = body.control == ControlHolder::Another.code();
         let wrong = [
-            (body.link == 0, "vehicle silent"),
+            (!body.answers(), "vehicle silent"),
             (body.stopped == 1, "operator's stop"),
             (taken, "another has control"),
         ];

@@ -7,7 +7,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_lab::identify::identification::Identification;
 use oqtal_lab::identify::{overview, vehicle_toml};
 use oqtal_lab::output::{CONFIG, check_free, make, next_free, write_file};
-use oqtal_lab::tune::live::{self, LiveTuning};
+use oqtal_lab::tune::tuned::Tuned;
 use oqtal_lab::tune::{TuneArgs, page};
 use oqtal_operator::request::silent;
 use oqtal_runtime::process::{Exit, Failure};
@@ -70,24 +70,16 @@ impl LiveTuningFiles {
         settings.iter().map(kept).collect()
     }
 
-    /// Writes and prints the gains, and names the parameters of the vehicle that the flight does not determine.
-    pub fn write(&self, LiveTuning { identification, tuned }: &LiveTuning) -> Result<(), Failure> {
+    /// Writes and prints the gains.
+    pub fn write(&self, tuned: &Tuned) -> Result<(), Failure> {
         write_file(
             &self.gains,
             tuned.to_toml(&[], "for the vehicle of excitation.mcap beside it"),
         )?;
         write_file(&self.page, page::html(tuned))?;
         let [page, gains] = [&self.page, &self.gains].map(|path| path.display());
-        let names = live::undetermined(&identification.findings);
-        let undetermined = match names.as_slice() {
-            [] => String::new(),
-            names => format!(
-                "\nnot determined by the flight, so the search took the values of [vehicle]: {}",
-                names.join(", ")
-            ),
-        };
         print(&format!(
-            "{tuned}page: {page}\ngains: {gains}{undetermined}\nthe margins above are those of the identified vehicle; laws that predict use the \
+            "{tuned}page: {page}\ngains: {gains}\nthe margins above are those of the identified vehicle; laws that predict use the \
              [vehicle] of the daemon: to predict by the identified values, start the daemon with vehicle.toml"
         ))
     }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
@@ -113,8 +113,13 @@ fn rests(tick: &TelemetryV1) -> bool {
 fn require_nominal(tick: &TelemetryV1, place: &str) -> Result<(), Failure> {
     let (mode, state) = (Mode::from_code(tick.mode), SafetyState::from_code(tick.state));
     if mode != Some(Mode::Flying) {
+        // Arming would be refused.
+        let first = match Cause::from_code(tick.cause) {
+            Some(Cause::Battery) => "its battery is low: change it, then ",
+            _ => "",
+        };
         let reason = format!(
-            "the vehicle does not fly; `oqtal ctl arm {place}`, and `oqtal ctl hover {place}` where it has room"
+            "the vehicle does not fly; {first}`oqtal ctl arm {place}`, and `oqtal ctl hover {place}` where it has room"
         );
         return Err(Failure::new(Exit::Flight, reason));
     }
@@ -131,6 +136,16 @@ fn require_nominal(tick: &TelemetryV1, place: &str) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_vehicle_on_the_ground_with_a_low_battery_needs_another_before_it_is_armed() {
+        let told = |cause: Cause| {
+            let tick = TelemetryV1 { cause: cause.code(), ..TelemetryV1::default() };
+            require_nominal(&tick, "").unwrap_err().message
+        };
+        assert!(told(Cause::Battery).contains("battery is low: change it, then `oqtal ctl arm"));
+        assert!(!told(Cause::NoPose).contains("battery"));
+    }
 
     #[test]
     fn a_reference_that_moves_or_is_missing_is_not_at_rest() {

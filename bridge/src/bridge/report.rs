@@ -29,6 +29,13 @@ impl Bridge {
         let is_in_sequence = motors_run && self.gate.is_in_sequence();
         let knows_motors = self.gate.knows_motors(now, self.monitor.silence());
         let is_pending = answers && !(self.protocol.is_set_up() && knows_motors);
+        let link = if !(answers && (self.gate.is_ready() || self.gate.is_released())) {
+            VehicleLink::Silent
+        } else if knows_motors {
+            VehicleLink::Answers
+        } else {
+            VehicleLink::MotorsUnknown
+        };
         let vehicle = VehicleV1 {
             command_sequence: self.last_command,
             lost: self.commands_lost,
@@ -38,11 +45,7 @@ impl Bridge {
             armed: u8::from(motors_run),
             starting: u8::from(self.gate.is_starting() || is_in_sequence || spools_up),
             stopped: u8::from(self.stopped_since.is_some() && !self.is_released()),
-            link: match answers && (self.gate.is_ready() || self.gate.is_released()) {
-                true if knows_motors => VehicleLink::Answers.code(),
-                true => VehicleLink::MotorsUnknown.code(),
-                false => VehicleLink::Silent.code(),
-            },
+            link: link.code(),
             control: self.gate.control().code(),
             refusal: match is_pending && state.refusal == VehicleRefusal::None.code() {
                 true => VehicleRefusal::NotSetUp.code(),

@@ -116,18 +116,6 @@ message! {
     }
 }
 
-impl VehicleV1 {
-    /// Whether the bridge is stopping the motors after a flight: they would not follow the next one.
-    pub fn is_being_stopped(&self) -> bool {
-        self.armed != 0 && self.starting != 0
-    }
-
-    /// Whether the motors are being started.
-    pub fn is_starting(&self) -> bool {
-        self.starting != 0 && self.armed == 0
-    }
-}
-
 message! {
     /// Topic `telemetry`: state, decisions and counters of the daemon in one tick.
     TelemetryV1 = "oqtal.Telemetry.v1" {

@@ -128,6 +128,8 @@ pub struct Autopilot<I> {
     attitude: InnerLaw<I>,
     setpoint_buffer: SetpointBuffer,
     look_ahead: LookAhead,
+    /// Greatest tilt of an attitude command, unless the reference needs more \[rad\].
+    tilt_limit_rad: f64,
     /// Time of the last step \[s\].
     last_s: Option<f64>,
 }
@@ -148,6 +150,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             attitude: InnerLaw::Own(OqtalDt::new(law, design.input, design.period_s)?),
             setpoint_buffer: SetpointBuffer::new(),
             look_ahead: LookAhead::default(),
+            tilt_limit_rad: loops.tilt_limit_deg.to_radians(),
             last_s: None,
             design,
         })
@@ -273,7 +276,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
 
     /// Attitude command for a vehicle with its own attitude loop, so that the vehicle is at `wanted` when the command takes
     /// effect: ahead of it by the angle at which the on-board loop produces the rate of the reference, minus the estimated bias
-    /// of the demand `bias`.
+    /// of the demand `bias`, but tilted by at most the limit, or by as much as `wanted`.
     fn attitude_command(&self, wanted: &AttitudeReference, bias: &Vector3<f64>) -> Attitude {
         let Rotation::AttitudeLoop { gain_per_s, .. } = self.design.model.rotation else {
             return wanted.attitude;
@@ -282,7 +285,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
         let on_reference = AttitudeError::between(&wanted.attitude, &wanted.attitude);
         let u = input.feed_forward(&on_reference, &Vector3::zeros(), wanted);
         let rate = input.demand_of(&u) - bias;
-        wanted.attitude.turned_by(rate / gain_per_s)
+        let limit_rad = self.tilt_limit_rad.max(wanted.attitude.tilt_rad());
+        wanted.attitude.turned_by(rate / gain_per_s).within_tilt(limit_rad)
     }
 
     /// The law's input with the compensation of the estimated bias, `disturbance`, for a vehicle whose rate is `gain` times the

@@ -10,37 +10,54 @@ use super::washout::WashOut;
 use super::{LEAST_DEVIATION_RAD, QUIET};
 use crate::delayed_mean::DelayedMean;
 
-/// Least deviation of such rotations over the measured noise \[-\].
+/// Least deviation of agreeing rotations over the measured noise \[-\].
 const NOISE_SHARE: f64 = 1.2;
 /// Time constant of the deviation between rotations that agree \[s\].
 const DEVIATION_S: f64 = 2.0;
 /// Time in the air after which rotations by commands are compared, and the deviation from those of a gyroscope is known \[s\].
 const SETTLED_S: f64 = 2.5;
 
+/// Source of the rotation with which that of the poses is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Source {
+    /// The rates that the vehicle's gyroscope reports.
+    Gyroscope,
+    /// The commands sent.
+    Commands,
+}
+
+/// Rotation of the vehicle between two poses, by a source.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DrivenRotation {
+    pub(super) source: Source,
+    /// \[rad, body axes\].
+    pub(super) turn: Vector3<f64>,
+}
+
 /// Accuracy of a source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Accuracy {
     drift: DriftLimit,
     response: ResponseLimit,
-    /// Factor of the limit of the response \[-\], and before [`SETTLED_S`], infinite if rotations are not compared then.
+    /// Factor of the limit of the response \[-\], and before [`SETTLED_S`]; `None` if rotations are not compared then.
     factor: f64,
-    early_factor: f64,
+    early_factor: Option<f64>,
 }
 
 impl Accuracy {
-    /// Of the gyroscope. Early, the noise of the poses is not measured yet, and may exceed the configured one.
+    /// Accuracy of the gyroscope. Early, the noise of the poses is not measured yet, and may exceed the configured one.
     pub(super) const GYROSCOPE: Self = Self {
         drift: DriftLimit::GYROSCOPE,
         response: ResponseLimit::GYROSCOPE,
         factor: 1.0,
-        early_factor: 2.0,
+        early_factor: Some(2.0),
     };
-    /// Of the commands. The bias of the rate that they counteract is washed out first.
+    /// Accuracy of the commands. The bias of the rate that they counteract is washed out first.
     pub(super) const COMMANDS: Self = Self {
         drift: DriftLimit::COMMANDS,
         response: ResponseLimit::COMMANDS,
         factor: 2.5,
-        early_factor: f64::INFINITY,
+        early_factor: None,
     };
 }
 
@@ -93,11 +110,12 @@ impl RotationTest {
         let (seen, driven) = (self.seen.take(seen, dt_s), self.driven.take(driven, dt_s));
         self.deviation.take(t_s, (seen - driven).norm_squared() / 3.0);
         let is_settled = self.airborne_s >= SETTLED_S;
-        let factor = if is_settled { self.accuracy.factor } else { self.accuracy.early_factor };
-        if !is_airborne || factor.is_infinite() {
+        let factor =
+            if is_settled { Some(self.accuracy.factor) } else { self.accuracy.early_factor };
+        let Some(factor) = factor.filter(|_| is_airborne) else {
             self.drift.restart();
             return None;
-        }
+        };
         self.drift_evidence = drift;
         let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise_rad);
         let variance = self.deviation.mean().max(least * least);

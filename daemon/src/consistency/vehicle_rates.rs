@@ -9,9 +9,9 @@ use nalgebra::Vector3;
 const KEPT: usize = 32;
 /// Greatest time between two reports over which their rate is integrated \[s\].
 const LONGEST_S: f64 = 0.15;
-/// Time that no report covers after which rotations are compared with the commands instead \[s\], and the share of the covered time by
-/// which it is regained \[-\].
+/// Time that no report covers from which rotations are compared with the commands instead \[s\].
 const LONGEST_UNCOVERED_S: f64 = 0.5;
+/// Rate at which covered time reduces the uncovered time \[-\].
 const REGAINED: f64 = 0.25;
 /// Time for which the last rate is continued \[s\]: the age of the newest report of a vehicle that reports at the rate of the cameras.
 const CONTINUED_S: f64 = 0.04;

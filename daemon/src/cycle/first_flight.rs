@@ -21,7 +21,7 @@ pub enum FirstFlight {
 
 impl FirstFlight {
     /// The automatic flight that is about to begin, as text; `None` without one.
-    pub(crate) fn planned(self) -> Option<&'static str> {
+    pub(crate) fn pending_text(self) -> Option<&'static str> {
         (self == Self::Pending)
             .then_some("an automatic flight begins once poses and vehicle allow it")
     }

@@ -170,7 +170,7 @@ impl SafetyMonitor {
     /// descended for too long.
     fn may_descend(&self, now: Time, intake: &Intake) -> bool {
         let is_possible = |last: &Accepted| self.descent.is_possible(now.since(last.captured_at));
-        // Where poses lied, the motion is not known from which it would descend.
+        // After poses that contradicted the vehicle, its motion is unknown.
         !intake.consistency().contradicts()
             && intake.was_airborne()
             && intake.last_pose().is_some_and(is_possible)

@@ -66,21 +66,36 @@ pub(super) fn position_gains_unused(config: &Config) -> Option<String> {
 
 /// Notes on settings that change from those of `present` to those of `next` without effect on the law that flies.
 pub(crate) fn without_effect(present: &Config, next: &Config) -> impl Iterator<Item = String> {
-    note_on_fallback(present, next).into_iter().chain(of_other_laws(present, next))
+    note_on_fallback(present, next).into_iter().chain(of_laws(present, next))
 }
 
-/// Note on changed settings of laws that do not fly; those of a fallback law are not counted.
-fn of_other_laws(present: &Config, next: &Config) -> Option<String> {
-    let flown = [next.control.controller, next.control.built_in()];
-    let flown = flown.into_iter().chain(next.control.fallback).map(ControllerName::name);
-    let flown: Vec<_> = flown.collect();
-    let others = ControllerName::NAMES.into_iter().filter(|name| !flown.contains(name));
-    let others: Vec<_> = others.map(|name| format!("control.{name}.")).collect();
+/// Notes on changed settings of laws that do not fly, which a fallback law does, and of laws whose place the vehicle's own attitude loop
+/// takes.
+fn of_laws(present: &Config, next: &Config) -> impl Iterator<Item = String> {
+    let control = &next.control;
+    let flown = [control.controller, control.built_in()].into_iter().chain(control.fallback);
+    let flown: Vec<_> = flown.map(|law| format!("control.{}.", law.name())).collect();
+    let laws = ControllerName::NAMES.map(|name| format!("control.{name}."));
     let changed = present.differences(next).unwrap_or_default();
     let keys = changed.iter().filter_map(|line| line.split('=').next());
-    let unused = keys.filter(|key| others.iter().any(|other| key.starts_with(other)));
-    let unused: Vec<_> = unused.collect();
-    (!unused.is_empty()).then(|| {
-        format!("{}: no effect, since control.controller is {}", unused.join(", "), flown[0])
-    })
+    let of_law = keys.filter(|key| laws.iter().any(|law| key.starts_with(law)));
+    let (own, others): (Vec<_>, Vec<_>) =
+        of_law.partition(|key| flown.iter().any(|law| key.starts_with(law)));
+    let unused = (!others.is_empty()).then(|| {
+        format!(
+            "{}: no effect, since control.controller is {}",
+            others.join(", "),
+            control.controller
+        )
+    });
+    let is_replaced = next.vehicle.interface.holds_attitude() && !own.is_empty();
+    // The default stack sends the yaw of the law to a vehicle that holds roll and pitch alone.
+    let extent = if control.is_predictive() { "" } else { " on roll and pitch" };
+    let replaced = is_replaced.then(|| {
+        format!(
+            "{}: no effect{extent}, since the vehicle holds its attitude by itself",
+            own.join(", ")
+        )
+    });
+    unused.into_iter().chain(replaced)
 }

@@ -97,6 +97,27 @@ fn a_change_of_a_law_that_does_not_fly_is_reported() {
 }
 
 #[test]
+fn a_change_of_a_law_whose_place_the_vehicle_takes_is_reported() {
+    let told = |law: &str, extent: &str| {
+        let gain = format!("control.{law}.attitude-weight");
+        let config = |gains: &[String]| {
+            let own =
+                ["vehicle.interface=attitude".to_owned(), format!("control.controller={law}")];
+            let settings = own.iter().chain(gains);
+            let settings = settings.map(|text| Setting::parse("test", text).unwrap());
+            Config::from_settings(&settings.collect::<Vec<_>>()).unwrap()
+        };
+        let next = config(&[format!("{gain}=900")]);
+        let told: Vec<_> = without_effect(&config(&[]), &next).collect();
+        let note =
+            format!("{gain}: no effect{extent}, since the vehicle holds its attitude by itself");
+        assert_eq!(told, [note]);
+    };
+    told("oqtal-dt", "");
+    told("oqtal", " on roll and pitch");
+}
+
+#[test]
 fn values_in_another_unit_are_reported() {
     let text = told(&["vehicle.max-thrust-n=22000", "vehicle.rate-lag-ms=50000"], None).join("\n");
     assert!(text.contains("4485 times the weight of 4.91 N"), "{text}");

@@ -97,18 +97,19 @@ const BETTER: f64 = 1e-3;
 pub struct StartingPoints {
     /// Number of starting points \[-\].
     pub count: usize,
-    /// Parameters of the fits that ended apart from the best, with their sum of squares over that of the best, minus 1 \[-\].
+    /// Differences of the parameters of the fits that ended apart from the best, with their sum of squares over that of the best, minus
+    /// 1 \[-\]. All fits have the same noise, which a later fit estimates: its values are not comparable with these.
     others: Vec<(Vec<f64>, f64)>,
 }
 
 impl StartingPoints {
-    /// Number of fits that ended in another optimum than `best`, with a parameter outside its 95 % interval, and the least excess of
-    /// their sums of squares \[-\].
-    pub fn elsewhere(&self, best: &FitResult) -> (usize, f64) {
-        let is_outside = |values: &[f64]| {
-            values.iter().enumerate().any(|(index, value)| {
-                let (found, sd) = best.of(index);
-                sd > 0.0 && (value - found).abs() > INTERVAL * sd
+    /// Number of fits that ended in another optimum, with one of the first `reported` parameters further away than the 95 % interval of
+    /// `best`, and the least excess of their sums of squares \[-\].
+    pub fn elsewhere(&self, best: &FitResult, reported: usize) -> (usize, f64) {
+        let is_outside = |differences: &[f64]| {
+            differences.iter().take(reported).enumerate().any(|(index, difference)| {
+                let (_, sd) = best.of(index);
+                sd > 0.0 && difference.abs() > INTERVAL * sd
             })
         };
         let excesses = self.others.iter().filter(|it| is_outside(&it.0)).map(|it| it.1);
@@ -145,7 +146,11 @@ pub fn move_to_best(
     };
     let count = fits.len();
     let others = fits.into_iter().filter(|(values, _)| is_apart(values));
-    let others = others.map(|(values, square)| (values, square / best.1 - 1.0)).collect();
+    let others = others.map(|(values, square)| {
+        let pairs = values.iter().zip(&best.0);
+        (pairs.map(|(value, best)| value - best).collect(), square / best.1 - 1.0)
+    });
+    let others = others.collect();
     // The fit that follows starts from the own initial values, if they lead to the best optimum.
     if !is_own {
         parameters.iter_mut().zip(best.0).for_each(|(parameter, start)| parameter.start = start);
@@ -294,10 +299,13 @@ mod tests {
             values: vec![parameters[0].start],
             covariance: DMatrix::from_element(1, 1, sd * sd),
         };
-        let (elsewhere, excess_ratio) = told.elsewhere(&precise(0.1));
+        let (elsewhere, excess_ratio) = told.elsewhere(&precise(0.1), 1);
         assert_eq!((told.count, elsewhere), (3, 2));
         assert!(excess_ratio > 1.0, "{told:?}");
-        assert_eq!(told.elsewhere(&precise(5.0)).0, 0, "both optima are in the interval");
+        assert_eq!(told.elsewhere(&precise(5.0), 1).0, 0, "both optima are in the interval");
+        assert_eq!(told.elsewhere(&precise(0.1), 0).0, 0, "the parameter is not reported");
+        let moved = FitResult { values: vec![7.0], ..precise(1.5) };
+        assert_eq!(told.elsewhere(&moved, 1).0, 0, "the optima are compared under the same noise");
     }
 
     #[test]

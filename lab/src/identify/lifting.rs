@@ -14,7 +14,7 @@ use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pa
 const ROUNDS: usize = 2;
 /// Index of the thrust in [`LiftingFit::fit`].
 const THRUST: usize = 0;
-/// Index of the curvature in [`LiftingFit::fit`].
+/// Index of the curvature in [`LiftingFit::fit`]; the parameters of `[vehicle]` are before it.
 pub const CURVATURE: usize = 3;
 /// Number of parameters before the biases.
 const SHARED: usize = 4;

@@ -8,7 +8,9 @@ use super::digits::with_interval;
 use super::finding::{ParameterFinding, rules};
 use super::fit::{FitResult, StartingPoints};
 use super::identification::Identification;
+use super::lifting::CURVATURE;
 use super::residuals::ResidualTest;
+use super::turning::FAST;
 use crate::text_table::{self, NamedRow};
 
 /// The headings of the findings.
@@ -66,8 +68,8 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     lines.push(whiteness(&identification.residuals));
     let fits = &identification.estimate;
     let (turning, lifting) = (&fits.turning, &fits.lifting);
-    lines.extend(other_optima("rotation", &turning.starts, &turning.fit));
-    lines.extend(other_optima("translation", &lifting.starts, &lifting.fit));
+    lines.extend(other_optima(("rotation", FAST), &turning.starts, &turning.fit));
+    lines.extend(other_optima(("translation", CURVATURE), &lifting.starts, &lifting.fit));
     let hidden = identification.findings.iter().find(|f| f.name == rules::HIDDEN_DELAY.name);
     if hidden.is_some_and(|hidden| hidden.value + hidden.half_width < 0.0) {
         let effect = "part of the delay is counted as rate lag; their sum is right if roll and pitch have equal lags";
@@ -122,9 +124,14 @@ fn not_shown(finding: &ParameterFinding, recordings: usize) -> String {
     }
 }
 
-/// Remark on fits that ended in another optimum than the best; `None` if all agree.
-fn other_optima(name: &str, starts: &StartingPoints, fit: &FitResult) -> Option<String> {
-    let (count, (elsewhere, excess_ratio)) = (starts.count, starts.elsewhere(fit));
+/// Remark on fits that ended in another optimum than the best; `None` if all agree in the first `reported` parameters, those written to
+/// `[vehicle]`.
+fn other_optima(
+    (name, reported): (&str, usize),
+    starts: &StartingPoints,
+    fit: &FitResult,
+) -> Option<String> {
+    let (count, (elsewhere, excess_ratio)) = (starts.count, starts.elsewhere(fit, reported));
     let best = match excess_ratio {
         close if close < INDISTINCT => {
             "as likely: the flight does not determine the parameters in which they differ"

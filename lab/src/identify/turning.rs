@@ -9,8 +9,8 @@ use super::rotation::{RotationModel, RotationNoise, RotationPass, pass};
 
 /// Number of alternations between a fit and an estimate of the noise.
 const ROUNDS: usize = 2;
-/// Index of the squared second lag among the parameters.
-const FAST: usize = 5;
+/// Index of the squared second lag among the parameters; those of `[vehicle]` are before it.
+pub const FAST: usize = 5;
 /// Number of parameters before the biases.
 const SHARED: usize = 6;
 /// Longest second lag \[s\].

@@ -1,6 +1,7 @@
 //! Gains for a vehicle in flight, which is identified from a brief excitation: they are searched for in simulated flights of it.
 
 use oqtal_config::{Config, Setting};
+use oqtal_control::controller::ControllerName;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::flight::Flight;
@@ -77,6 +78,23 @@ pub struct LiveTuning {
     pub identification: Identification,
     /// The gains of the law that flies; of the keys that may change in flight.
     pub tuned: Tuned,
+    /// Names of the parameters on which margins depend and that the flight does not determine: the search took those of `[vehicle]`.
+    pub undetermined: Vec<&'static str>,
+}
+
+/// The law of `config`, whose gains can be searched for.
+///
+/// # Errors
+/// The law has no gains, or the vehicle is not commanded by rates (exit code 64).
+pub fn law_of(config: &Config) -> Result<ControllerName, Failure> {
+    check_interface(config)?;
+    let name = config.control.controller.name();
+    law::of_name(name).filter(|_| !config.control.is_external()).ok_or_else(|| {
+        let reason = format!(
+            "the law `{name}` has no gains here; the request `controller oqtal-dt` changes the law"
+        );
+        Failure::new(Exit::Usage, reason)
+    })
 }
 
 /// The vehicle of `flight`, flown by a daemon with the settings `present`.
@@ -89,8 +107,8 @@ pub fn identified(flight: &Flight, present: &[Setting]) -> Result<Identification
     identify(&[FlightData::of(flight)], &config.vehicle, Scale::Unknown)
 }
 
-/// Names of the parameters on which margins depend and that the flight does not determine: the search takes those of `[vehicle]`.
-pub fn undetermined(findings: &[ParameterFinding]) -> Vec<&'static str> {
+/// Names of the parameters on which margins depend and that the flight does not determine.
+fn undetermined(findings: &[ParameterFinding]) -> Vec<&'static str> {
     let is_needed = |it: &&ParameterFinding| NEEDED.contains(&it.name) && !it.is_shown();
     findings.iter().filter(is_needed).map(|finding| finding.name).collect()
 }
@@ -99,7 +117,7 @@ pub fn undetermined(findings: &[ParameterFinding]) -> Vec<&'static str> {
 /// `options` gives as text. Neither the truth of a simulated vehicle nor its `[plant]` is used.
 ///
 /// # Errors
-/// The law has no gains (exit code 64), the search was interrupted, or no gains land every flight (1).
+/// As of [`law_of`], the search was interrupted, or no gains land every flight (1).
 pub fn tune(
     identification: Identification,
     present: &[Setting],
@@ -107,13 +125,7 @@ pub fn tune(
     progress: &Progress,
 ) -> Result<LiveTuning, Failure> {
     let config = Config::from_settings(present)?;
-    let name = config.control.controller.name();
-    let law = law::of_name(name).filter(|_| !config.control.is_external()).ok_or_else(|| {
-        let reason = format!(
-            "the law `{name}` has no gains here; the request `controller oqtal-dt` changes the law"
-        );
-        Failure::new(Exit::Usage, reason)
-    })?;
+    let law = law_of(&config)?;
     let settings = settings_of(present, &config, &identification);
     let found = identification.vehicle(&config.vehicle);
     let limit = integral_limit(&config, found.max_thrust_n / found.mass_kg);
@@ -124,7 +136,8 @@ pub fn tune(
         ..training_flights(settings)
     };
     let tuned = search::law(law, budget, &flights, progress)?;
-    Ok(LiveTuning { identification, tuned })
+    let undetermined = undetermined(&identification.findings);
+    Ok(LiveTuning { identification, tuned, undetermined })
 }
 
 /// Flights in which gains that may change in flight are searched for, with these settings.
@@ -222,6 +235,18 @@ mod tests {
         let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
         let scored_s = flight.scored().count() as f64 / rate_hz;
         assert!(scored_s >= 10.0, "{scored_s} s");
+    }
+
+    #[test]
+    fn vehicles_and_laws_that_cannot_be_tuned_are_known_from_the_configuration() {
+        let exit = |texts: &[&str]| {
+            let settings = texts.iter().map(|text| Setting::parse("test", text).unwrap());
+            let config = Config::from_settings(&settings.collect::<Vec<_>>()).unwrap();
+            law_of(&config).map_err(|failure| failure.exit)
+        };
+        assert_eq!(exit(&["control.controller=mpc"]), Ok(ControllerName::Mpc));
+        assert_eq!(exit(&["vehicle.interface=attitude"]), Err(Exit::Usage));
+        assert_eq!(exit(&["control.controller=external"]), Err(Exit::Usage));
     }
 
     #[test]

@@ -94,10 +94,14 @@ impl TrainingFlights {
         StudyLaw::new(controller, [&self.settings, gains].concat(), "")
     }
 
-    /// Gains of the law `controller` that are searched for.
+    /// Gains of the law `controller` that are searched for: without its own for a vehicle that holds its attitude by itself.
     fn parameters(&self, controller: ControllerName, config: &Config) -> Vec<SearchRange> {
         let mut parameters = parameters(controller, config.control.stack);
         parameters.retain(|range| !self.live_keys_only || Config::may_change_in_flight(&range.key));
+        if config.vehicle.interface.holds_attitude() {
+            let own = format!("control.{}.", controller.name());
+            parameters.retain(|range| !range.key.starts_with(&own));
+        }
         // The search begins at the configured gains.
         let values = present(&parameters, config);
         for (range, (_, value)) in parameters.iter_mut().zip(values) {
@@ -333,6 +337,16 @@ mod tests {
             assert_eq!(found(present(&parameters, &config), key), Some(value));
         }
         assert_eq!(found(configured(&parameters, &config), gains[0].0), Some(128.0));
+    }
+
+    #[test]
+    fn gains_of_a_law_whose_place_the_vehicle_takes_are_not_searched_for() {
+        let attitude = Setting::flag("test", "vehicle.interface", "attitude");
+        let flights = TrainingFlights::near(vec![attitude], 101..102);
+        let config = Config::from_settings(&flights.settings).unwrap();
+        let first = |law| flights.parameters(law, &config)[0].key.clone();
+        assert_eq!(first(ControllerName::Oqtal), "control.estimator.velocity-cutoff-hz");
+        assert_eq!(first(ControllerName::OqtalDt), "control.predictive.position-gain-per-s");
     }
 
     #[test]

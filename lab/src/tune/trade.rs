@@ -139,15 +139,24 @@ pub fn sheet(components: &[TradedFigure], is_of_draws: bool) -> Sheet {
     }
 }
 
-/// Warnings about components that got worse by more than 5 %.
-pub fn warnings(components: &[TradedFigure]) -> Vec<String> {
+/// Way to gains with more margin, of a law on the predictive stack or on the default one. On the predictive stack, less jitter is
+/// reached by a lower bandwidth of the commands, which takes margin away.
+pub fn way_to_more_margin(is_predictive: bool) -> String {
+    match is_predictive {
+        true => "keep the gains before, if their margins are enough".to_owned(),
+        false => format!(
+            "a greater weight of the jitter, as in --weights {}=W, gives softer gains",
+            METRIC[JITTER].key
+        ),
+    }
+}
+
+/// Warnings about components that got worse by more than 5 % under a law on the predictive stack or on the default one.
+pub fn warnings(components: &[TradedFigure], is_predictive: bool) -> Vec<String> {
     let warning = |component: &TradedFigure| {
         let remedy = match component.weight {
             Some(_) => format!("; a greater weight, as in --weights {}=W, keeps it", component.key),
-            None => format!(
-                "; a greater weight of the jitter, as in --weights {}=W, gives softer gains",
-                METRIC[JITTER].key
-            ),
+            None => format!("; {}", way_to_more_margin(is_predictive)),
         };
         let by = match component.change() {
             Some(change) => format!(" by {:.0} %", 1e2 * change.abs()),
@@ -220,8 +229,10 @@ mod tests {
             component(None, 0.8),
             component(None, 2.0),
         ];
-        let said = warnings(&all);
+        let said = warnings(&all, false);
         assert_eq!(said.len(), 2, "{said:?}");
+        assert!(said[1].contains("--weights jitter_rad_s=W"), "{said:?}");
+        assert!(!warnings(&all, true)[1].contains("--weights"));
         assert!(said[0].contains("20 %") && said[0].contains("--weights hover_rms_mm=W"));
     }
 
@@ -261,7 +272,7 @@ mod tests {
         ];
         let text = sheet(&all, false).to_text();
         assert!(!text.contains('%') && text.contains("not as planned"), "{text}");
-        let said = warnings(&all);
+        let said = warnings(&all, false);
         assert_eq!(said.len(), 3, "{said:?}");
         assert!(said[2].contains("2.000 before, unstable after"), "{said:?}");
         assert!(said[0].contains("2.000 before, not as planned after"), "{said:?}");

@@ -116,6 +116,11 @@ impl Tuned {
         format!("not landed as planned: {before} of {all} flights before, {after} after")
     }
 
+    /// Whether the law flew on the predictive stack, whose gains were then searched, too.
+    pub fn is_predictive(&self) -> bool {
+        self.values.iter().any(|(key, _)| key.starts_with("control.predictive."))
+    }
+
     /// Ranges with a gain on a bound.
     pub fn on_a_bound(&self) -> Vec<SearchRange> {
         space::on_a_bound(&self.target, &self.settings())
@@ -128,7 +133,7 @@ impl Tuned {
                 "{key} is on a bound of its range, {low} to {high}: a better value may lie beyond; set it by hand and compare with `oqtal campaign`"
             )
         });
-        on_a_bound.chain(trade::warnings(&self.components)).collect()
+        on_a_bound.chain(trade::warnings(&self.components, self.is_predictive())).collect()
     }
 
     /// Gains as a configuration file: those found, and of the settings `common` of the search those of the law and the position
