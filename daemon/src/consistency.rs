@@ -46,7 +46,7 @@ use commanded::CommandedRotation;
 use direction::DirectionTest;
 use heading::HeadingProbe;
 use pending::{PendingRotations, SeenRotation};
-use rotation::{Accuracy, DrivenRotation, RotationTest, Source};
+use rotation::{Accuracy, DrivenRotation, LEAST_DEVIATION_RAD, QUIET, RotationTest, Source};
 use standstill::StandstillTest;
 use vehicle_rates::VehicleRates;
 
@@ -54,8 +54,6 @@ use vehicle_rates::VehicleRates;
 const LONGEST_S: f64 = 0.3;
 /// Longest such interval over which a standstill continues \[s\].
 const LONGEST_STEP_S: f64 = 0.07;
-/// Least deviation of rotations that agree \[rad\]: gyroscope and model are not exact.
-const LEAST_DEVIATION_RAD: f64 = 0.002;
 /// Default of `safety.consistency-limit`, with which the limits of the standstill apply unscaled \[-\].
 const DEFAULT_LIMIT: f64 = 12.0;
 /// Time without a rotation that shows whether poses follow the gyroscope, after which the heading oscillates \[s\].
@@ -64,8 +62,6 @@ const UNCONFIRMED_S: f64 = 0.22;
 const UNSEEN_S: f64 = 1.0;
 /// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
 const TOLD_SHARE: f64 = 1.5;
-/// Evidence, as a share of its limit, above which no noise is learned \[-\].
-const QUIET: f64 = 0.5;
 
 /// Evidence against the poses over its limit \[-\]: from 1 on it is reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

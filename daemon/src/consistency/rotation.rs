@@ -7,9 +7,12 @@ use nalgebra::Vector3;
 use super::drift::{DriftLimit, DriftTest};
 use super::response::{ResponseLimit, ResponseTest};
 use super::washout::WashOut;
-use super::{LEAST_DEVIATION_RAD, QUIET};
 use crate::delayed_mean::DelayedMean;
 
+/// Least deviation of rotations that agree \[rad\]: gyroscope and model are not exact.
+pub(super) const LEAST_DEVIATION_RAD: f64 = 0.002;
+/// Evidence, as a share of its limit, above which no noise is learned \[-\].
+pub(super) const QUIET: f64 = 0.5;
 /// Least deviation of agreeing rotations over the measured noise \[-\].
 const NOISE_SHARE: f64 = 1.2;
 /// Time constant of the deviation between rotations that agree \[s\].
@@ -74,8 +77,9 @@ pub(super) struct RotationTest {
     deviation: DelayedMean,
     response: ResponseTest,
     drift: DriftTest,
-    /// Evidence over its limit \[-\].
+    /// Evidence of the response over its limit \[-\].
     pub(super) response_evidence: f64,
+    /// Evidence of a drift over its limit \[-\].
     pub(super) drift_evidence: f64,
 }
 

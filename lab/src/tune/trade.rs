@@ -143,7 +143,7 @@ pub fn sheet(components: &[TradedFigure], is_of_draws: bool) -> Sheet {
 /// reached by a lower bandwidth of the commands, which takes margin away.
 pub fn way_to_more_margin(is_predictive: bool) -> String {
     match is_predictive {
-        true => "keep the gains before, if their margins are enough".to_owned(),
+        true => "keep the previous gains if their margins are enough".to_owned(),
         false => format!(
             "a greater weight of the jitter, as in --weights {}=W, gives softer gains",
             METRIC[JITTER].key
