@@ -293,7 +293,7 @@ impl PoseConsistency {
         let heading = self.heading.take(needed && !turns, angles, noise.attitude_rad, (t_s, dt_s));
         self.evidence.drift = test.drift_evidence;
         self.evidence.response = heading.max(test.response_evidence);
-        if self.evidence.response > QUIET {
+        if heading > QUIET {
             test.discard_deviations();
         }
     }

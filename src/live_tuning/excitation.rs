@@ -72,7 +72,7 @@ pub fn fly(
     Ok(flight)
 }
 
-/// Requests a hover if the excitation may still be flown; returns the result as text, `None` if there is no excitation to end.
+/// Requests a hover if the excitation may still be flown; returns the result as text, `None` without an excitation.
 pub fn end(paths: &InstancePaths) -> Option<String> {
     if !MAY_FLY.swap(false, Ordering::Relaxed) {
         return None;
