@@ -33,6 +33,8 @@ const OBSERVERS: usize = 4;
 /// Samples of a loop: readers in the loop keep the newest, observers receive all.
 const STREAM: Quality =
     Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8, observers: OBSERVERS };
+/// Like [`STREAM`], with a place for the daemon's background thread, which compares the rate of the poses.
+const POSES: Quality = Quality { readers: 9, ..STREAM };
 /// Like [`STREAM`], for topics that processes with injected faults read, too.
 const WATCHED: Quality = Quality { readers: 12, ..STREAM };
 /// Like [`WATCHED`] without history: a late reader does not receive an old command.
@@ -78,7 +80,7 @@ impl<M: Message> Topic<M> {
 /// Plant to mocap and observers: every integration millisecond; notifies at camera instants only.
 pub const TRUTH: Topic<TruthV1> = Topic::new("truth", STREAM);
 /// Mocap or receiver to daemon and observers, at the cameras' rate.
-pub const POSE: Topic<PoseV1> = Topic::new("pose", STREAM);
+pub const POSE: Topic<PoseV1> = Topic::new("pose", POSES);
 /// Daemon to plant or bridge and observers, at the loop's rate. The limit of one writer locks out a second controller.
 pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
 /// Plant or bridge to daemon and observers, once per applied command.

@@ -127,6 +127,10 @@ impl Condition {
     fn fallback_reason(&self, mode: u8, lacks_law: bool) -> String {
         let state = SafetyState::from_code(self.state);
         let reaction = state.filter(|state| *state > SafetyState::Degraded);
+        let was_absent = self.handover_reason() == HandoverCause::Absent;
+        if was_absent && !lacks_law && mode == Mode::Flying.code() {
+            return failure(HandoverCause::None);
+        }
         match (self.handover_reason(), reaction) {
             (reason, _) if self.cause == Cause::Fallback.code() => failure(reason),
             _ if lacks_law => HandoverCause::Absent.to_string(),

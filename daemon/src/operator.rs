@@ -1,5 +1,6 @@
 //! Requests of operators: from the background thread, which checks them, to the loop, which executes them between two turns.
 
+mod answer;
 mod loop_handle;
 
 use std::sync::Arc;
@@ -7,8 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
-use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1, UNCHANGED};
-use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::message::{AS_STARTED, ControlRequestV1, ControlResponseV1, EventV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
@@ -17,10 +17,13 @@ use oqtal_runtime::handoff::{BackgroundHandle, handoff};
 use crate::condition::{Condition, Followed};
 use crate::cycle::FirstFlight;
 use crate::live::{LiveSettings, PreparedChange};
-use crate::refusal::Refusal;
 
+use answer::{
+    event, first_lines, publish_answered, refused, refused_event, unchanged_text, with_place,
+    with_reason, with_warnings,
+};
 pub use loop_handle::{LoopHandle, LoopRequest};
-use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity, refused, with_place};
+use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity};
 
 /// An operator's request that the loop has not answered by then is answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
@@ -254,9 +257,7 @@ impl OperatorRequests {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
             Ok(mut prepared) if settings.are_unchanged_by(&prepared) => {
                 self.settings.iter_mut().for_each(|settings| settings.commit(&mut prepared));
-                let title = if prepared.text.is_empty() { "no setting differs" } else { UNCHANGED };
-                let lines = std::iter::once(title).chain(prepared.text.as_str().lines());
-                let text = LongText::of_lines(lines).unwrap_or_else(|| LongText::new(title));
+                let text = unchanged_text(request, &prepared.text);
                 return ControlResponseV1 { text, ..self.present(Answer::Done) };
             }
             Ok(_) if self.queues.is_full() => {
@@ -339,61 +340,6 @@ impl OperatorRequests {
             }
         }
     }
-}
-
-/// Publishes an event, with this `number`, for a request that was executed or refused.
-fn publish_answered(
-    request: &ControlRequestV1,
-    number: u64,
-    response: &ControlResponseV1,
-    publish: &mut dyn FnMut(EventV1),
-) {
-    let event = EventV1 { number, ..event(request, Answer::Accepted) };
-    publish(match response.answer == Answer::Refused.code() {
-        true => refused_event(event, response),
-        false => EventV1 { text: response.text, ..event },
-    });
-}
-
-/// `response` to a change, with its warnings, which are logged.
-fn with_warnings(response: ControlResponseV1, warnings: &[String]) -> ControlResponseV1 {
-    if response.answer == Answer::Refused.code() || warnings.is_empty() {
-        return response;
-    }
-    warnings.iter().for_each(|told| tracing::warn!("{told}"));
-    let told = warnings.iter().map(|told| format!("warning: {told}"));
-    let lines = response.text.as_str().lines().map(str::to_owned).chain(told);
-    ControlResponseV1 { text: first_lines(&lines.collect::<Vec<_>>()), ..response }
-}
-
-/// As many of `lines` as an answer can have.
-fn first_lines(lines: &[String]) -> LongText {
-    LongText::of_first_lines(&lines.iter().map(String::as_str).collect::<Vec<_>>())
-}
-
-/// The event of `request`, with this answer.
-fn event(request: &ControlRequestV1, answer: Answer) -> EventV1 {
-    let ControlRequestV1 { command, process, user, program, point, yaw, text, .. } = *request;
-    let (now, made_at, answer) = (Time::now(), request.asked_at, answer.code());
-    let time = if made_at.is_set() { made_at.min(now) } else { now };
-    let base = EventV1 { time, command, answer, process, user, program, ..EventV1::default() };
-    EventV1 { point, yaw, text, ..base }
-}
-
-/// `event`, refused with `response`.
-fn refused_event(event: EventV1, response: &ControlResponseV1) -> EventV1 {
-    let ControlResponseV1 { cause, text, obstacles, .. } = *response;
-    let reason = match text.is_empty() && cause == Cause::NotReady.code() {
-        true => LongText::new(&ArmingObstacles::from_bits(obstacles).to_string()),
-        false => text,
-    };
-    EventV1 { answer: Answer::Refused.code(), cause, reason, ..event }
-}
-
-/// The refusal `refusal`, with mode and state as in `present`.
-fn with_reason(refusal: &Refusal, present: ControlResponseV1) -> ControlResponseV1 {
-    let text = LongText::new(&refusal.reason);
-    ControlResponseV1 { text, ..refused(refusal.cause, present) }
 }
 
 #[cfg(test)]

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use oqtal_bus::code::{Answer, Cause, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Answer, Cause, OperatorCommand};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::text::LongText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::handoff::RtHandle;
 
+use super::answer::refused;
 use crate::condition::Condition;
 use crate::live::FlightChange;
 
@@ -191,22 +191,4 @@ impl LoopHandle {
 fn must_be_timely(command: OperatorCommand) -> bool {
     let is_course = matches!(command, OperatorCommand::Goto | OperatorCommand::Trajectory);
     command.begins_flight() || is_course
-}
-
-/// The refusal for the reason `cause`, with mode and state as in `present`.
-pub(super) fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
-    ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
-}
-
-/// `response`, with the place that a trajectory `needs` if the fence refuses it there.
-pub(super) fn with_place(
-    response: ControlResponseV1,
-    needs: impl FnOnce() -> Option<String>,
-) -> ControlResponseV1 {
-    let is_held = response.state == SafetyState::Hold.code();
-    let is_refused = response.cause == Cause::Fence.code() && !is_held;
-    match is_refused.then(needs).flatten() {
-        Some(place) => ControlResponseV1 { text: LongText::new(&place), ..response },
-        None => response,
-    }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use oqtal_bus::code::{HandoverCause, SafetyState};
-use oqtal_bus::obstacle::ArmingObstacle;
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, Setting};
 
 use crate::setpoint::SetpointRefusal;
@@ -233,8 +233,11 @@ fn f70_that_no_external_law_is_connected_is_told_before_the_flight_and_what_flie
     assert_eq!(told(&mut requests), "law geometric in place of external (no law is connected)");
     requests.lacks_law = false;
     assert_eq!(told(&mut requests), "law geometric in place of external (take-off)");
-    requests.last.cause = Cause::Fallback.code();
+    requests.last.handover_cause = HandoverCause::Absent.code();
     let waits = "law geometric in place of external (the law waits for its return)";
+    assert_eq!(told(&mut requests), waits);
+    requests.last.handover_cause = HandoverCause::None.code();
+    requests.last.cause = Cause::Fallback.code();
     assert_eq!(told(&mut requests), waits);
     requests.last.cause = Cause::None.code();
     requests.last.state = SafetyState::Hold.code();
@@ -385,16 +388,4 @@ fn a_request_that_needs_a_flight_is_refused_without_one_also_while_the_loop_stan
     requests.last.first_flight = FirstFlight::Pending;
     let status = requests.ask(asks(OperatorCommand::Status), &mut |_| {}).text;
     assert!(status.as_str().contains("\nan automatic flight begins"), "{status:?}");
-}
-
-#[test]
-fn a_trajectory_that_the_fence_refuses_is_answered_with_the_place_that_it_needs() {
-    let told = |cause: Cause, state: SafetyState| {
-        let (cause, state) = (cause.code(), state.code());
-        let response = ControlResponseV1 { cause, state, ..answers(Answer::Refused) };
-        with_place(response, || Some("it fits there".to_owned())).text
-    };
-    assert_eq!(told(Cause::Fence, SafetyState::Nominal).as_str(), "it fits there");
-    assert!(told(Cause::Fence, SafetyState::Hold).is_empty(), "the fence holds the vehicle");
-    assert!(told(Cause::NearFloor, SafetyState::Nominal).is_empty());
 }
