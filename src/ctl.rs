@@ -6,8 +6,9 @@ use oqtal_bus::code::{Answer, Cause, Mode};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, UNCHANGED};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_config::{Config, InstanceOptions};
+use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::status::InstanceStatus;
-use oqtal_operator::request::{edited_note, running_bus, send, unanswered};
+use oqtal_operator::request::{edited_note, running_bus, send, unanswered, waypoints_note};
 use oqtal_operator::{
     AddressedInstance, ControlReport, CtlRequest, arm, land, namesakes, request_of, status, stop,
 };
@@ -69,6 +70,7 @@ impl CtlArgs {
             _ => {
                 address.paths.become_owner()?;
                 let bus = running_bus(&address.paths)?;
+                self.check_waypoints(named, &address)?;
                 let (response, status) = self.ask(&bus, request, expected)?;
                 (status, (response, Vec::new()))
             }
@@ -174,6 +176,23 @@ impl CtlArgs {
             return Ok(());
         }
         Err(Failure::new(Exit::Usage, message))
+    }
+
+    /// Refuses to arm under the configuration `named` along waypoints that were edited after the daemon had read them.
+    fn check_waypoints(
+        &self,
+        named: Option<&Config>,
+        address: &AddressedInstance,
+    ) -> Result<(), Failure> {
+        let flies_file = |config: &Config| config.trajectory.kind == TrajectoryKind::Waypoints;
+        let is_checked = matches!(self.command, CtlRequest::Arm) && named.is_some_and(flies_file);
+        match waypoints_note(&address.paths).filter(|_| is_checked) {
+            Some(note) => {
+                let kept = "without --config the vehicle flies along the waypoints that were read";
+                Err(Failure::new(Exit::Flight, format!("arm refused: {note}; {kept}")))
+            }
+            None => Ok(()),
+        }
     }
 
     /// Instance and configuration. A flight must be ended even with an invalid configuration: a command that ends one needs only

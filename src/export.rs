@@ -113,8 +113,7 @@ impl ExportArgs {
             ExportFormat::Mat => {
                 let mut export = ColumnExport::default();
                 play(file, &mut export).map_err(failure)?;
-                let ticks = csv::columns(&flight(file).map_err(failure)?).into_iter();
-                let ticks = mat::file(ticks.map(|column| (column.name, column.values)));
+                let ticks = mat::file(csv::columns(&flight(file).map_err(failure)?));
                 let tables =
                     export.tables.into_iter().map(|(name, table)| (name, mat::file(table)));
                 Ok(tables.chain([(TICKS.to_owned(), ticks)]).collect())

@@ -250,7 +250,7 @@ impl Observation {
     }
 
     /// Why the measurement of the process `daemon`, which began at `from`, ends; `None` while its ticks arrive.
-    fn end_of(&self, daemon: Option<u64>, from: Time) -> Option<&'static str> {
+    fn end_of(&self, daemon: Option<u32>, from: Time) -> Option<&'static str> {
         let newest_at = self.monitor.latest().map_or(from, |tick| tick.time);
         let is_another = self.monitor.daemon_pid() != daemon;
         if is_another || daemon.and_then(ThreadScheduling::of).is_none() {

@@ -14,7 +14,7 @@ use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::law_query::{NoAnswer, changed_before};
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
 use oqtal_observe::sink::{Reception, Sink, Tee};
-use oqtal_operator::request::silent;
+use oqtal_operator::request::{silent, waypoints_note};
 use oqtal_operator::require_daemon;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::{print, say};
@@ -167,9 +167,9 @@ struct Missed {
 /// Facts recorded once per daemon.
 #[derive(Debug, Default)]
 struct DaemonFacts {
-    pid: Option<u64>,
+    pid: Option<u32>,
     config_hash: Option<u64>,
-    recorded_pid: Option<u64>,
+    recorded_pid: Option<u32>,
     reported_hash: Option<u64>,
     /// Number of samples that were overwritten before they were observed \[-\].
     lost: u64,
@@ -182,6 +182,12 @@ impl DaemonFacts {
             self.recorded_pid = self.pid;
             if let Some(granted) = self.pid.and_then(ThreadScheduling::of) {
                 recorder.facts(Facts::of_grants(&granted));
+            }
+            let edited = instance_paths(config).ok().and_then(|paths| waypoints_note(&paths));
+            if let Some(note) = edited {
+                say(&format!(
+                    "oqtal: the recording does not have the waypoints that are flown: {note}"
+                ));
             }
         }
         if self.config_hash != self.reported_hash {
@@ -199,7 +205,7 @@ impl Sink for DaemonFacts {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
         match sample {
             Sample::Telemetry(_) => {
-                self.pid = Some(u64::from(reception.header.origin().process()));
+                self.pid = Some(reception.header.origin().process());
             }
             Sample::Health(Role::Daemon, health) => self.config_hash = Some(health.config_hash),
             _ => {}

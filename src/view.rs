@@ -158,7 +158,7 @@ impl ViewArgs {
             std::thread::sleep(UPDATE_PERIOD);
             let now = Time::now();
             observer.poll(now, &mut view)?;
-            view.note_law(law_query.poll(observer.bus(), now));
+            view.instance.note_law(law_query.poll(observer.bus(), now));
             let (collected, status) = view.take(now);
             hub.publish(now, &collected, status);
         }

@@ -7,7 +7,7 @@ const DOCUMENT: &str = include_str!("../docs/data.md");
 
 #[test]
 fn the_columns_of_telemetry_are_described_as_in_the_code() {
-    let dictionary = oqtal_observe::csv::dictionary();
+    let dictionary = oqtal_observe::csv::DICTIONARY;
     assert!(DOCUMENT.contains(dictionary), "docs/data.md must hold this table:\n\n{dictionary}");
 }
 

@@ -8,10 +8,10 @@ use oqtal_runtime::handoff::{BackgroundHandle, RtHandle};
 use oqtal_runtime::reopener::Reopener;
 use oqtal_wire::link::LinkSpec;
 
+use crate::crtp::TableKeeper;
 use crate::lender::PortLender;
 use crate::link::{PortOptions, VehicleLink};
 use crate::note::Note;
-use crate::setup::Chore;
 use crate::tenant::PortPart;
 
 /// The real-time thread's end of the hand-off: notes and lost parts go to the background thread, opened ones come from it.
@@ -25,39 +25,29 @@ pub struct PortKeeper {
     /// Where the vehicle is, for the log.
     spec: LinkSpec,
     search: Reopener<Box<dyn VehicleLink>>,
-    chore: Option<Box<dyn Chore>>,
+    table_keeper: Option<TableKeeper>,
     lender: Option<PortLender>,
 }
 
 impl PortKeeper {
-    /// Worker that opens `port`, of the link `spec`, again whenever it is lost.
+    /// Worker that opens `port`, of the link `spec`, again whenever it is lost, keeps the file of tables, and lends the port.
     pub fn new(
         handle: BackgroundHandle<Note, PortPart, PortPart>,
         port: Box<dyn PortOptions>,
         spec: LinkSpec,
+        table_keeper: Option<TableKeeper>,
+        lender: Option<PortLender>,
     ) -> Self {
         // Every port counts as a good one: the vehicle must soon receive a zero set-point.
         let search = Reopener::new(Span::ZERO);
-        Self { handle, port: port.into(), spec, search, chore: None, lender: None }
-    }
-
-    /// The worker, which also lends the port.
-    pub fn lending(self, lender: Option<PortLender>) -> Self {
-        Self { lender, ..self }
-    }
-
-    /// The worker, which also does `chore`.
-    pub fn beside(self, chore: Option<Box<dyn Chore>>) -> Self {
-        Self { chore, ..self }
+        Self { handle, port: port.into(), spec, search, table_keeper, lender }
     }
 }
 
 impl BackgroundWorker for PortKeeper {
     fn poll(&mut self) {
         self.handle.notes().for_each(|note| note.log(&self.spec));
-        if let Some(chore) = &mut self.chore {
-            chore.poll();
-        }
+        self.table_keeper.iter_mut().for_each(TableKeeper::poll);
         match self.handle.replies().try_recv() {
             Ok(PortPart::Link(lost)) => {
                 tracing::warn!("the port is lost: zero set-point first when it is back");

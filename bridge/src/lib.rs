@@ -75,41 +75,32 @@ use oqtal_runtime::process_loop;
 use oqtal_runtime::program::{conclude, print};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
 
+use background::PortKeeper;
+use lender::PortLender;
+use link::{PortOpenError, PortOptions};
+use radio::{RadioShareOptions, SharedVehicle, share_radio};
+use setup::VehicleSetup;
+use vehicle_setup::set_up;
+
 pub use asctec::Asctec;
-pub use background::{BridgeHandle, PortKeeper};
-pub use borrower::{PortBorrower, PortWriter};
+pub use borrower::PortBorrower;
 pub use bridge::{Bridge, VehicleReport};
-pub use crtp::{Crtp, TableKeeper, TableStore};
-pub use lender::PortLender;
+pub use crtp::{Crtp, TableStore};
 pub use line::LineOccupancy;
-pub use link::{PortOpenError, PortOptions, VehicleLink};
-pub use mavlink::{Mavlink, wanted_parameters};
-pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
+pub use link::VehicleLink;
+pub use mavlink::Mavlink;
+pub use motors::MotorEvent;
 pub use msp::Msp;
 pub use note::Note;
 pub use options::{check as check_options, link};
-pub use poses::PoseRelay;
-pub use protocol::{
-    FrameSizes, MAX_FRAME, PeriodicFrame, PeriodicTimer, ReportedMotors, VehicleEstimate,
-    VehicleFrame, VehiclePose, VehicleProtocol, VehicleReply, VehicleText,
-};
-pub use radio::{
-    MAX_AGE, RadioAck, RadioCounts, RadioDongle, RadioPortOptions, RadioSchedule,
-    RadioShareOptions, RadioWorker, SharedVehicle, share_radio,
-};
+pub use protocol::{FrameSizes, MAX_FRAME, ReportedMotors, VehicleFrame, VehicleProtocol};
+pub use radio::{RadioAck, RadioCounts, RadioDongle, RadioWorker};
 pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
-pub use schedule::{Schedule, spacing};
-pub use serial::{SerialLink, SerialPortOptions};
 pub use setpoint::VehicleSetpoint;
-pub use setup::{VehicleSetup, transport};
-pub use tcp::{TcpLink, TcpPortOptions};
+pub use setup::transport;
 pub use tenant::{PortPart, PortTenant};
 pub use transport::{BareTransport, VehicleTransport};
 pub use turn::{BridgePorts, BridgeTurn};
-pub use udp::{UdpLink, UdpPortOptions};
-pub use vehicle_setup::set_up;
-pub use wanted::{WantedParameter, WantedValue};
-pub use xbee::XbeeTransport;
 
 /// Commands of the bridge's command line.
 #[derive(Subcommand, Clone, Debug)]
@@ -253,7 +244,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);
     setup.warn_of_short_start(&context.config);
-    let VehicleSetup { spec, protocol, transport, port, chore } = setup;
+    let VehicleSetup { spec, protocol, transport, port, table_keeper } = setup;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
@@ -270,7 +261,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let (handle, background) = handoff();
     with_background(
         context,
-        || Ok(PortKeeper::new(background, port, spec).beside(chore).lending(lender)),
+        || Ok(PortKeeper::new(background, port, spec, table_keeper, lender)),
         || {
             context.enter_realtime();
             let health = context.health.clone();

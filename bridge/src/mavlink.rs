@@ -32,8 +32,8 @@ use oqtal_control::options::OptionError;
 use oqtal_wire::ThrustCurve;
 use oqtal_wire::link::{AutopilotKind, MavlinkLink};
 use oqtal_wire::mavlink::{
-    AttitudeTarget, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkPacket,
-    MavlinkPose, SetpointKind, SignatureCheck,
+    AttitudeTarget, CommandKind, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder,
+    MavlinkPacket, MavlinkPose, SetpointKind, SignatureCheck, VehicleCommandLong,
 };
 
 use crate::options;
@@ -90,12 +90,12 @@ impl Mavlink {
     /// A value of `[bridge.mavlink]` cannot be used.
     pub fn new(config: &Config, link: &MavlinkLink, unix_us: u64) -> Result<Self, OptionError> {
         let options = &config.bridge.mavlink;
-        let encoder = encoder(config, unix_us)?;
+        let (encoder, check) = encoder_and_check(config, unix_us)?;
         let thrust = options::thrust_curve("mavlink", &options.thrust_table)?;
         Ok(Self {
             encoder,
             decoder: MavlinkDecoder::new(),
-            check: signature_check(config, unix_us)?,
+            check,
             vehicle: AutopilotState::new(link.autopilot, link.system),
             starting: StartSequence::default(),
             requests: PeriodicRequests::new(Span::period_of(config.bridge.status_rate_hz)),
@@ -147,29 +147,23 @@ impl Mavlink {
     }
 }
 
-/// Encoder of the bridge's own packets, signed if a key is configured, where Unix time is `unix_us` \[us\].
+/// Encoder of the bridge's own packets and check of received ones, where Unix time is `unix_us` \[us\]. Without a configured key, packets
+/// are not signed, and there is no check.
 ///
 /// # Errors
 /// The key cannot be used.
-pub(crate) fn encoder(config: &Config, unix_us: u64) -> Result<MavlinkEncoder, OptionError> {
+pub(crate) fn encoder_and_check(
+    config: &Config,
+    unix_us: u64,
+) -> Result<(MavlinkEncoder, Option<SignatureCheck>), OptionError> {
     let options = &config.bridge.mavlink;
     let own = MavlinkAddress { system: options.system, component: options.component };
     let mut encoder = MavlinkEncoder::new(own);
-    if let Some(key) = options::signing_key(config)? {
+    let key = options::signing_key(config)?;
+    if let Some(key) = key.clone() {
         encoder.sign(key, unix_us);
     }
-    Ok(encoder)
-}
-
-/// Check of the signatures of received packets, where Unix time is `unix_us` \[us\]; `None` if no key is configured.
-///
-/// # Errors
-/// The key cannot be used.
-pub(crate) fn signature_check(
-    config: &Config,
-    unix_us: u64,
-) -> Result<Option<SignatureCheck>, OptionError> {
-    Ok(options::signing_key(config)?.map(|key| SignatureCheck::new(key, unix_us)))
+    Ok((encoder, key.map(|key| SignatureCheck::new(key, unix_us))))
 }
 
 /// Whether `packet` is accepted: signed with the key of `check`, if there is one. Packets of `encoder` are stamped later than
@@ -210,9 +204,11 @@ impl VehicleProtocol for Mavlink {
                 return VehicleFrame::EMPTY;
             }
             VehicleSetpoint::StartMotors => {
-                known.and_then(|(_, kind)| self.starting.start(now, kind, &self.vehicle))
+                known.and_then(|known| self.starting.start(now, known, &self.vehicle))
             }
-            VehicleSetpoint::StopMotors => self.starting.stop(now, self.vehicle.heartbeat_at()),
+            VehicleSetpoint::StopMotors => {
+                self.starting.stop(now, target, self.vehicle.heartbeat_at())
+            }
             VehicleSetpoint::Zero => {
                 self.starting.rest();
                 None
@@ -223,7 +219,7 @@ impl VehicleProtocol for Mavlink {
             }
         };
         if let Some(command) = command {
-            return self.frame(&command.to(target));
+            return self.frame(&MavlinkContent::Command(command));
         }
         self.starting.note_setpoint(now);
         let flight = match setpoint {
@@ -278,7 +274,11 @@ impl VehicleProtocol for Mavlink {
 
     fn emergency_stop(&mut self) -> VehicleFrame {
         match self.vehicle.known() {
-            Some((target, _)) => self.frame(&StartSequence::forced_stop().to(target)),
+            Some((target, _)) => {
+                let kind = CommandKind::Arm { run: false, is_forced: true };
+                let stop = VehicleCommandLong { target, kind, confirmation: 0 };
+                self.frame(&MavlinkContent::Command(stop))
+            }
             None => VehicleFrame::EMPTY,
         }
     }
@@ -354,7 +354,7 @@ impl VehicleProtocol for Mavlink {
 #[cfg(test)]
 mod tests {
     use oqtal_wire::link::LinkSpec;
-    use oqtal_wire::mavlink::{AckResult, AutopilotFirmware, CommandKind, MavlinkHeartbeat};
+    use oqtal_wire::mavlink::{AckResult, AutopilotFirmware, MavlinkHeartbeat};
 
     use super::*;
 
@@ -371,7 +371,7 @@ mod tests {
             mavlink.decode(now, wire.as_bytes(), &mut |reply| {
                 refusals += u32::from(matches!(reply, VehicleReply::Refused(_)));
             });
-            (refusals, mavlink.starting.stop(now, None))
+            (refusals, mavlink.starting.stop(now, vehicle, None))
         };
         let autopilot = AutopilotFirmware::Known(AutopilotKind::ArduPilot);
         let heartbeat =

@@ -18,6 +18,6 @@ mod worker;
 
 pub use dongle::{RadioAck, RadioDongle};
 pub use port::RadioPortOptions;
-pub use schedule::{MAX_AGE, RadioCounts, RadioSchedule};
+pub use schedule::RadioCounts;
 pub use share::{RadioShareOptions, SharedVehicle, share_radio};
 pub use worker::RadioWorker;

@@ -1,17 +1,14 @@
 //! Set-up of the bridge from the configuration: link, protocol and transport.
 
-use std::fmt::Debug;
-
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::options::OptionError;
-use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::link::{AsctecLink, CrtpLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
-use crate::crtp::{Crtp, TableStore};
+use crate::crtp::{Crtp, TableKeeper, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
 use crate::mavlink::Mavlink;
@@ -25,11 +22,6 @@ use crate::timing::periodic_spacing;
 use crate::transport::{BareTransport, VehicleTransport};
 use crate::udp::UdpPortOptions;
 use crate::xbee::XbeeTransport;
-
-/// Further work of the background thread.
-pub trait Chore: BackgroundWorker + Debug + Send {}
-
-impl<W: BackgroundWorker + Debug + Send> Chore for W {}
 
 /// Greatest share of the line's time that set-points may take \[-\].
 const MAX_OCCUPANCY: f64 = 0.8;
@@ -49,8 +41,8 @@ pub struct VehicleSetup {
     pub transport: Box<dyn VehicleTransport>,
     /// Port of the bytes.
     pub port: Box<dyn PortOptions>,
-    /// Work of the protocol for the background thread.
-    pub chore: Option<Box<dyn Chore>>,
+    /// Keeper of the tables of a Crazyflie, for the background thread.
+    pub table_keeper: Option<TableKeeper>,
 }
 
 /// Unix time \[us\], by which packets are signed.
@@ -79,7 +71,7 @@ impl VehicleSetup {
             Failure::new(Exit::Config, reason)
         })?;
         let peer = options::address(config).map_err(located)?;
-        let mut chore = None;
+        let mut table_keeper = None;
         let protocol: Box<dyn VehicleProtocol> = match &spec {
             LinkSpec::Asctec(_) => Box::new(Asctec::new(config).map_err(located)?),
             LinkSpec::Mavlink(link) => {
@@ -92,12 +84,12 @@ impl VehicleSetup {
                     CrtpLink::Udp(_) => None,
                 };
                 let (tables, keeper) = TableStore::open(&config.bridge.crtp.table_cache);
-                chore = keeper.map(|keeper| Box::new(keeper) as Box<dyn Chore>);
+                table_keeper = keeper;
                 Box::new(Crtp::new(config, tables, radio_id).map_err(located)?)
             }
         };
         let port = port(&spec, config);
-        let setup = Self { protocol, transport: transport(&spec, peer), port, spec, chore };
+        let setup = Self { protocol, transport: transport(&spec, peer), port, spec, table_keeper };
         setup.check_room(config).map_err(located)?;
         Ok(setup)
     }

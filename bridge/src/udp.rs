@@ -42,38 +42,25 @@ struct LearnedPeer {
 
 impl PortOptions for UdpPortOptions {
     fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError> {
+        let (Self::In(host) | Self::Out(host)) = self;
+        let refused = |error: io::Error| refused(host, &error);
+        let addresses = addresses(host)?;
         let link = match self {
-            Self::In(host) => {
-                let socket = bind(addresses(host)?.as_slice(), host)?;
+            Self::In(_) => {
+                let socket = UdpSocket::bind(addresses.as_slice()).map_err(refused)?;
                 UdpLink { socket, learned: Some(LearnedPeer::default()) }
             }
-            Self::Out(host) => {
-                let peer = addresses(host)?[0];
+            Self::Out(_) => {
+                let peer = addresses[0];
                 let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-                let socket = UdpSocket::bind(any).map_err(|error| refused(host, &error))?;
-                socket.connect(peer).map_err(|error| refused(host, &error))?;
+                let socket = UdpSocket::bind(any).map_err(refused)?;
+                socket.connect(peer).map_err(refused)?;
                 UdpLink { socket, learned: None }
             }
         };
-        let system = |error: io::Error| PortOpenError::System {
-            port: self.name(),
-            reason: error.to_string(),
-        };
-        link.socket.set_nonblocking(true).map_err(system)?;
+        link.socket.set_nonblocking(true).map_err(refused)?;
         Ok(Box::new(link))
     }
-}
-
-impl UdpPortOptions {
-    fn name(&self) -> String {
-        match self {
-            Self::In(host) | Self::Out(host) => host.to_string(),
-        }
-    }
-}
-
-fn bind(addresses: &[SocketAddr], host: &HostPort) -> Result<UdpSocket, PortOpenError> {
-    UdpSocket::bind(addresses).map_err(|error| refused(host, &error))
 }
 
 impl VehicleLink for UdpLink {

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use rustix::process::{Resource, getrlimit};
 
 use crate::control::{ControlClient, ControlServer};
-use crate::error::{BusError, system};
+use crate::error::{BusError, free_kib, system};
 use crate::membership::Membership;
 use crate::message::Message;
 use crate::node::{InstanceNode, OpenPorts, ReaderPlace};
@@ -14,7 +14,7 @@ use crate::port::{Reader, Writer};
 use crate::stop::{self, SignalFlags, StopSwitch};
 use crate::topic::Topic;
 use crate::transport::Transport;
-use crate::wake::{EventPorts, Listener};
+use crate::wake::{Listener, Notifier};
 use crate::watch::InstanceWatch;
 
 /// Maximum shared memory for the ports of one process \[KiB\], rounded up; the daemon needs most. No process joins with less.
@@ -30,7 +30,6 @@ const NEEDED_FILES: u64 = 200;
 #[derive(Debug)]
 pub struct Bus {
     node: Box<dyn OpenPorts>,
-    events: EventPorts,
     paths: InstancePaths,
     membership: Rc<Membership>,
     signals: SignalFlags,
@@ -48,10 +47,9 @@ impl Bus {
         check_free_memory()?;
         let membership = Membership::join(paths)?;
         let node = Box::new(InstanceNode::join(paths, &membership)?);
-        let events = EventPorts::new(Rc::clone(&membership));
         let signals = SignalFlags::default();
         let place = ReaderPlace::Reserved;
-        Ok(Self { node, events, paths: paths.clone(), membership, signals, place })
+        Ok(Self { node, paths: paths.clone(), membership, signals, place })
     }
 
     /// Joins the instance at `paths` if it has members; `None` otherwise. Creates no directory, and removes nothing of an instance
@@ -123,7 +121,7 @@ impl Bus {
     /// # Errors
     /// The operating system refuses, or the event was made by another version.
     pub fn listener<M: Message>(&self, topic: &Topic<M>) -> Result<Listener, BusError> {
-        self.events.listener(topic.name)
+        Listener::open(&self.membership, topic.name)
     }
 
     /// Opens the daemon's side of the control service.
@@ -149,7 +147,7 @@ impl Transport for Bus {
 
     fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<Writer<M>, BusError> {
         let raw = self.node.writer(&topic.spec())?;
-        Ok(Writer::new(raw, self.events.notifier(topic.name)?))
+        Ok(Writer::new(raw, Notifier::open(&self.membership, topic.name)?))
     }
 
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
@@ -180,15 +178,12 @@ fn check_descriptors() -> Result<(), BusError> {
 
 /// Checks that the ports of a process fit into shared memory, before iceoryx2 maps files that have no memory allocated.
 fn check_free_memory() -> Result<(), BusError> {
-    let Ok(space) = rustix::fs::statvfs("/dev/shm") else {
-        // The error is reported when the first file is opened there.
-        return Ok(());
-    };
-    let free_kib = space.f_bavail.saturating_mul(space.f_frsize) / 1024;
-    if free_kib >= NEEDED_KIB {
-        Ok(())
-    } else {
-        Err(BusError::Full { free_kib, needed_kib: NEEDED_KIB })
+    match free_kib() {
+        Some(free_kib) if free_kib < NEEDED_KIB => {
+            Err(BusError::Full { free_kib, needed_kib: NEEDED_KIB })
+        }
+        // An unknown size: the error is reported when the first file is opened there.
+        _ => Ok(()),
     }
 }
 

@@ -32,6 +32,8 @@ macro_rules! code {
     };
 }
 
+pub(crate) use code;
+
 mod cause;
 
 pub use cause::Cause;

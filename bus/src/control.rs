@@ -6,7 +6,6 @@ use std::time::Duration;
 use crate::error::BusError;
 use crate::message::{ControlRequestV1, ControlResponseV1, Message};
 use crate::time::{Span, Time};
-use crate::topic::CONTROL;
 
 /// Answers a request: reads the encoded request, fills the encoded answer.
 pub(crate) type Answerer<'a> = &'a mut dyn FnMut(&[u8], &mut [u8]);
@@ -64,7 +63,7 @@ impl ControlClient {
     /// Sends `request` and waits for the answer; `None` if no daemon answers within `timeout`.
     ///
     /// # Errors
-    /// The connection failed; [`BusError::Version`] if `{CONTROL}` is served in another version.
+    /// The connection failed; [`BusError::Version`] if the daemon is of another version.
     pub fn ask(
         &self,
         request: ControlRequestV1,
@@ -84,9 +83,4 @@ impl ControlClient {
             std::thread::sleep(Duration::from_millis(10));
         }
     }
-}
-
-/// Error for a message of the control service whose size differs from this version's.
-pub(crate) fn wrong_size() -> BusError {
-    BusError::Version { topic: CONTROL.to_owned() }
 }

@@ -122,7 +122,12 @@ impl BusError {
 
     /// Error for shared memory without room for a file of `needed_kib`.
     pub(crate) fn full(needed_kib: u64) -> Self {
-        let free = rustix::fs::statvfs("/dev/shm").map_or(0, |s| s.f_bavail * s.f_frsize);
-        Self::Full { free_kib: free / 1024, needed_kib }
+        Self::Full { free_kib: free_kib().unwrap_or(0), needed_kib }
     }
+}
+
+/// Free shared memory \[KiB\]; `None` if the operating system does not report it.
+pub(crate) fn free_kib() -> Option<u64> {
+    let space = rustix::fs::statvfs("/dev/shm").ok()?;
+    Some(space.f_bavail.saturating_mul(space.f_frsize) / 1024)
 }

@@ -12,6 +12,7 @@ use rustix::io::Errno;
 
 use crate::error::{BusError, system};
 use crate::private::is_same;
+use crate::remains;
 use crate::time::Time;
 
 /// File whose shared lock marks the member processes.
@@ -64,9 +65,7 @@ pub(crate) fn open_directory(directory: &Path) -> Result<File, BusError> {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(&error)),
         _ => {}
     }
-    let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
-    let opened = OpenOptions::new().read(true).custom_flags(flags).open(directory);
-    let file = match opened {
+    let file = match remains::open_directory(directory) {
         // The directory was removed between the two steps and is made again.
         Err(error) if error.kind() == io::ErrorKind::NotFound => return open_directory(directory),
         other => other.map_err(|e| failed(&e))?,

@@ -161,35 +161,37 @@ impl Membership {
         Ok(config)
     }
 
-    /// Removes objects of dead processes that iceoryx2 would wait for; the caller holds the lock.
-    pub(crate) fn remove_empty(&self, _lock: &InstanceLock<'_>) {
-        remains::remove_empty(&self.run.prefix());
-    }
-
-    /// Removes incomplete files of dead processes; the caller holds the lock.
-    pub(crate) fn remove_half_made(&self, _lock: &InstanceLock<'_>) {
-        remains::remove_half_made(&self.run.prefix(), &self.run.path);
-    }
-
-    /// Allocates the memory of all shared files of the instance; the caller holds the lock.
-    ///
-    /// # Errors
-    /// Shared memory is full.
-    pub(crate) fn reserve_memory(&self, _lock: &InstanceLock<'_>) -> Result<(), BusError> {
-        remains::reserve_memory(&self.run.prefix())
-            .map_err(|size| BusError::full(size.div_ceil(1024)))
-    }
-
     /// Whether no other process can join this run of the instance.
     pub(crate) fn is_lost(&self) -> bool {
         let Self { directory, lock, run, .. } = self;
         let is_here = is_same(lock, directory) && run.is_linked(directory);
         !is_here || !run.is_present() || private::loss(&run.path).is_some()
     }
+}
 
-    /// Revokes other users' access to files in shared memory; the caller holds the lock.
-    pub(crate) fn make_private(&self, _lock: &InstanceLock<'_>) {
-        remains::make_private(&self.run.prefix());
+impl InstanceLock<'_> {
+    /// Removes objects of dead processes that iceoryx2 would wait for.
+    pub(crate) fn remove_empty(&self) {
+        remains::remove_empty(&self.0.run.prefix());
+    }
+
+    /// Removes incomplete files of dead processes.
+    pub(crate) fn remove_half_made(&self) {
+        remains::remove_half_made(&self.0.run.prefix(), &self.0.run.path);
+    }
+
+    /// Allocates the memory of all shared files of the instance.
+    ///
+    /// # Errors
+    /// Shared memory is full.
+    pub(crate) fn reserve_memory(&self) -> Result<(), BusError> {
+        remains::reserve_memory(&self.0.run.prefix())
+            .map_err(|size| BusError::full(size.div_ceil(1024)))
+    }
+
+    /// Revokes other users' access to files in shared memory.
+    pub(crate) fn make_private(&self) {
+        remains::make_private(&self.0.run.prefix());
     }
 }
 

@@ -106,9 +106,9 @@ impl InstanceNode {
             }
             other => of_iceoryx(format!("joining {}", paths.directory().display()), &other),
         })?;
-        clean_up(&node, membership, &lock);
-        membership.remove_half_made(&lock);
-        membership.make_private(&lock);
+        clean_up(&node, &lock);
+        lock.remove_half_made();
+        lock.make_private();
         Ok(Self { node: Some(node), paths: paths.clone(), membership: Rc::clone(membership) })
     }
 
@@ -126,8 +126,8 @@ impl InstanceNode {
     ) -> Result<S, BusError> {
         match open() {
             Err(error) if matches!(error.trouble(), Trouble::Corrupted | Trouble::System) => {
-                clean_up(self.node(), &self.membership, lock);
-                self.membership.remove_half_made(lock);
+                clean_up(self.node(), lock);
+                lock.remove_half_made();
                 open().map_err(|error| error.explain(&self.paths, name))
             }
             other => other.map_err(|error| error.explain(&self.paths, name)),
@@ -142,7 +142,7 @@ impl InstanceNode {
         name: &'static str,
     ) -> Result<Box<Port<P>>, BusError> {
         let port = Box::new(Port::new(port, name, &self.membership));
-        self.membership.reserve_memory(lock)?;
+        lock.reserve_memory()?;
         Ok(port)
     }
 
@@ -154,7 +154,7 @@ impl InstanceNode {
             if !is_ending(pid) || Time::now().since(began) > LONGEST_END {
                 return Some(pid);
             }
-            clean_up(self.node(), &self.membership, lock);
+            clean_up(self.node(), lock);
             std::thread::sleep(END_POLL_PERIOD);
         }
     }
@@ -259,15 +259,15 @@ impl Drop for InstanceNode {
         let lock = self.membership.lock_to_close();
         // Without the lock, the next process that joins cleans up.
         let (Some(node), Some(lock)) = (self.node.take(), lock) else { return };
-        clean_up(&node, &self.membership, &lock);
+        clean_up(&node, &lock);
         // The files of the node, too, are removed under the lock.
         drop(node);
     }
 }
 
 /// Removes what dead processes left.
-fn clean_up(node: &Node<ipc::Service>, membership: &Membership, lock: &InstanceLock<'_>) {
-    membership.remove_empty(lock);
+fn clean_up(node: &Node<ipc::Service>, lock: &InstanceLock<'_>) {
+    lock.remove_empty();
     node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
 }
 

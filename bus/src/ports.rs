@@ -10,7 +10,7 @@ use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 
-use crate::control::{Answerer, RawClient, RawServer, wrong_size};
+use crate::control::{Answerer, RawClient, RawServer};
 use crate::error::{BusError, of_iceoryx};
 use crate::membership::Membership;
 use crate::message::Header;
@@ -103,7 +103,7 @@ impl RawClient for Port<IceClient> {
         while pending.number_of_server_connections() > 0 && Time::now() < give_up {
             if let Some(answer) = pending.receive().map_err(|e| failed(&e))? {
                 if answer.payload().len() != response.len() {
-                    return Err(wrong_size());
+                    return Err(BusError::Version { topic: self.name.to_owned() });
                 }
                 response.copy_from_slice(answer.payload());
                 return Ok(true);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
-use std::io::Read;
+use std::io::{self, Read};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -228,19 +228,20 @@ pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
 /// Whether a process takes part in the run with this private directory.
 pub(crate) fn is_alive(path: &Path) -> bool {
     open_directory(path)
-        .is_some_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
+        .is_ok_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
 }
 
 /// Opens a directory of this user.
 pub(crate) fn open_own_directory(path: &Path) -> Option<File> {
-    let file = open_directory(path)?;
+    let file = open_directory(path).ok()?;
     let is_own = file.metadata().ok()?.uid() == rustix::process::geteuid().as_raw();
     is_own.then_some(file)
 }
 
-fn open_directory(path: &Path) -> Option<File> {
+/// Opens a directory without following a link.
+pub(crate) fn open_directory(path: &Path) -> io::Result<File> {
     let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
-    OpenOptions::new().read(true).custom_flags(flags).open(path).ok()
+    OpenOptions::new().read(true).custom_flags(flags).open(path)
 }
 
 /// Opens a regular file of this user with a single name. All users see the names in shared memory; a file or link planted there

@@ -1,7 +1,7 @@
 //! Suspension of the machine, detected by comparison of two clocks of the kernel: one counts the time in suspension, the other
 //! does not.
 
-use rustix::time::{ClockId, Timespec, clock_gettime};
+use rustix::time::ClockId;
 
 use crate::time::{Span, Time};
 
@@ -21,12 +21,9 @@ pub struct ClockReadings {
 
 impl ClockReadings {
     /// Reads both clocks.
-    #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn now() -> Self {
         let before = Time::now();
-        let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Monotonic);
-        let monotonic =
-            Time::from_nanos(tv_sec.unsigned_abs() * 1_000_000_000 + tv_nsec.unsigned_abs());
+        let monotonic = Time::of_clock(ClockId::Monotonic);
         let boot = Time::now();
         Self { monotonic, boot, apart: boot.since(before) }
     }

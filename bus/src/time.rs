@@ -57,21 +57,22 @@ impl Time {
     }
 
     /// Reads `CLOCK_BOOTTIME` (through the vDSO, no system call).
-    #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn now() -> Self {
-        let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Boottime);
-        // The clock counts up from boot: both parts are non-negative.
+        Self::of_clock(ClockId::Boottime)
+    }
+
+    /// Reads a clock of the kernel.
+    #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
+    pub(crate) fn of_clock(clock: ClockId) -> Self {
+        let Timespec { tv_sec, tv_nsec } = clock_gettime(clock);
+        // The clocks count up from boot or from the epoch: both parts are non-negative.
         Self(tv_sec.unsigned_abs() * NANOS_PER_SECOND + tv_nsec.unsigned_abs())
     }
 
     /// Offset from the monotonic clock's origin to the Unix epoch, to be added to an instant of [`Time::now`]; reads the wall
     /// clock. Changes whenever the wall clock is set.
-    #[expect(clippy::disallowed_methods, reason = "clocks are read here")]
     pub fn wall_offset() -> Span {
-        let wall = clock_gettime(ClockId::Realtime);
-        let wall =
-            Self(wall.tv_sec.unsigned_abs() * NANOS_PER_SECOND + wall.tv_nsec.unsigned_abs());
-        wall.since(Self::now())
+        Self::of_clock(ClockId::Realtime).since(Self::now())
     }
 
     /// Whether the stamp is set.

@@ -28,76 +28,16 @@ pub(crate) const WORDS: usize = 1;
 /// Matches every waker.
 const ANY: NonZeroU32 = NonZeroU32::MAX;
 
-/// Events of an instance.
-#[derive(Debug)]
-pub(crate) struct EventPorts {
-    membership: Rc<Membership>,
+/// Path of the event of `topic`.
+pub(crate) fn path(membership: &Membership, topic: &str) -> PathBuf {
+    membership.words_file(&format!("{}.count", topic.replace('/', ".")))
 }
 
-impl EventPorts {
-    pub(crate) fn new(membership: Rc<Membership>) -> Self {
-        Self { membership }
-    }
-
-    /// Opens the notifier of the event of `topic`.
-    ///
-    /// # Errors
-    /// The event belongs to another user or another version, or shared memory is full.
-    pub(crate) fn notifier(&self, topic: &'static str) -> Result<Notifier, BusError> {
-        Ok(Notifier { waker: FutexWaker(self.open(topic)?), topic, _membership: self.member() })
-    }
-
-    /// Opens the listener of the event of `topic`. Earlier notifications do not count.
-    ///
-    /// # Errors
-    /// As [`EventPorts::notifier`].
-    pub(crate) fn listener(&self, topic: &'static str) -> Result<Listener, BusError> {
-        let words = self.open(topic)?;
-        let seen = Cell::new(words[0].load(Ordering::Acquire));
-        Ok(Listener { waiter: FutexWaiter { words, seen }, topic, _membership: self.member() })
-    }
-
-    fn member(&self) -> Rc<Membership> {
-        Rc::clone(&self.membership)
-    }
-
-    fn open(&self, topic: &str) -> Result<SharedWords, BusError> {
-        let _lock = self.membership.lock()?;
-        let path = self.path(topic);
-        SharedWords::open(&path, WORDS)
-            .map_err(|error| BusError::of_shared_file(topic, path, &error))
-    }
-
-    pub(crate) fn path(&self, topic: &str) -> PathBuf {
-        self.membership.words_file(&format!("{}.count", topic.replace('/', ".")))
-    }
-}
-
-/// Notifying side of an event count.
-#[derive(Debug)]
-struct FutexWaker(SharedWords);
-
-impl FutexWaker {
-    fn wake(&self) -> Result<(), Errno> {
-        event_count::notify(&self.0[0], |count| {
-            // The futex is not private: the sleepers are in other processes.
-            futex::wake(count, futex::Flags::empty(), i32::MAX.unsigned_abs()).map(drop)
-        })
-    }
-}
-
-/// Sleeping side of an event count.
-#[derive(Debug)]
-struct FutexWaiter {
-    words: SharedWords,
-    seen: Cell<u32>,
-}
-
-impl FutexWaiter {
-    /// Sleeps until the count differs from the last seen one, or until `deadline`; returns whether it differed. May return early.
-    fn wait(&self, deadline: Time) -> Result<bool, Errno> {
-        event_count::wait(&self.words[0], &self.seen, |count, seen| sleep(count, seen, deadline))
-    }
+/// Opens the event of `topic`.
+fn open(membership: &Membership, topic: &str) -> Result<SharedWords, BusError> {
+    let _lock = membership.lock()?;
+    let path = path(membership, topic);
+    SharedWords::open(&path, WORDS).map_err(|error| BusError::of_shared_file(topic, path, &error))
 }
 
 /// Sleeps while `count` is `seen`, until `deadline` at the latest.
@@ -124,32 +64,56 @@ fn timespec(instant: Time) -> Timespec {
 /// Wakes the processes that listen to a topic.
 #[derive(Debug)]
 pub(crate) struct Notifier {
-    waker: FutexWaker,
+    count: SharedWords,
     topic: &'static str,
     _membership: Rc<Membership>,
 }
 
 impl Notifier {
+    /// Opens the notifier of `topic`.
+    ///
+    /// # Errors
+    /// The event belongs to another user or another version, or shared memory is full.
+    pub(crate) fn open(membership: &Rc<Membership>, topic: &'static str) -> Result<Self, BusError> {
+        Ok(Self { count: open(membership, topic)?, topic, _membership: Rc::clone(membership) })
+    }
+
     pub(crate) fn notify(&self) -> Result<(), BusError> {
-        self.waker.wake().map_err(|e| system(format!("notifying `{}`", self.topic), &e))
+        let notified = event_count::notify(&self.count[0], |count| {
+            // The futex is not private: the sleepers are in other processes.
+            futex::wake(count, futex::Flags::empty(), i32::MAX.unsigned_abs()).map(drop)
+        });
+        notified.map_err(|e| system(format!("notifying `{}`", self.topic), &e))
     }
 }
 
 /// Waits for notifications of a topic.
 #[derive(Debug)]
 pub struct Listener {
-    waiter: FutexWaiter,
+    count: SharedWords,
+    seen: Cell<u32>,
     topic: &'static str,
     _membership: Rc<Membership>,
 }
 
 impl Listener {
+    /// Opens the listener of `topic`. Earlier notifications do not count.
+    ///
+    /// # Errors
+    /// As [`Notifier::open`].
+    pub(crate) fn open(membership: &Rc<Membership>, topic: &'static str) -> Result<Self, BusError> {
+        let count = open(membership, topic)?;
+        let seen = Cell::new(count[0].load(Ordering::Acquire));
+        Ok(Self { count, seen, topic, _membership: Rc::clone(membership) })
+    }
+
     /// Sleeps until the topic is notified or until `deadline`; returns whether it was notified, at once if it was since the last call.
     /// May return early; the caller checks every port after each return.
     ///
     /// # Errors
     /// The kernel refuses to wait.
     pub fn wait(&self, deadline: Time) -> Result<bool, BusError> {
-        self.waiter.wait(deadline).map_err(|e| system(format!("waiting for `{}`", self.topic), &e))
+        event_count::wait(&self.count[0], &self.seen, |count, seen| sleep(count, seen, deadline))
+            .map_err(|e| system(format!("waiting for `{}`", self.topic), &e))
     }
 }

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use oqtal_control::ControlOptions;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::PositionOptions;
-use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
+use oqtal_control::trajectory::TrajectoryOptions;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -184,7 +184,8 @@ impl Config {
             };
         }
         settings.iter().for_each(|setting| origins.record(setting));
-        let config = Self { origins, ..config };
+        let mut config = Self { origins, ..config };
+        config.make_paths_absolute();
         config.check()?;
         Ok(config)
     }
@@ -237,31 +238,6 @@ impl Config {
     /// Rate of the loop \[Hz\]: `control.rate-hz`, or the nearest one at which the cameras allow it to run.
     pub fn loop_rate_hz(&self) -> f64 {
         self.safety.pose_rate_hz / self.poses_per_tick()
-    }
-
-    /// Replaces the paths of the files that a flight reads (waypoints, recording) using `place`. The path of a key file is not
-    /// changed, since the key is a secret.
-    ///
-    /// # Errors
-    /// The error of `place`.
-    pub fn with_files_at<E>(
-        mut self,
-        mut place: impl FnMut(&Path) -> Result<PathBuf, E>,
-    ) -> Result<Self, E> {
-        if self.trajectory.kind == TrajectoryKind::Waypoints
-            && let Some(file) = &mut self.trajectory.waypoints_file
-        {
-            *file = place(file)?;
-        }
-        if self.is_replay() {
-            self.mocap.replay = place(Path::new(&self.mocap.replay))?.display().to_string();
-        }
-        let key = &mut self.bridge.mavlink.signing_key_file;
-        // An empty path has no absolute path.
-        if let Ok(path) = std::path::absolute(&*key) {
-            *key = path.display().to_string();
-        }
-        Ok(self)
     }
 
     /// Expected rate of the poses and rate of the loop, as text.

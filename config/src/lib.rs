@@ -42,6 +42,7 @@ mod mocap_cameras;
 mod mocap_room;
 mod mocap_serve;
 mod msp;
+mod named_file;
 mod nearest_key;
 mod origin;
 mod period;
@@ -88,8 +89,9 @@ pub use reference::ReferenceOptions;
 pub use safety::SafetyOptions;
 pub use setting::{Setting, parse_option};
 pub use source::{
-    CHAIN_COMMENT, COPY_COMMENT, edited_sources, flight_comment, flight_of, is_copy, is_of_chain,
-    is_of_reload, kept_source_comments, reread_comments, source_comments,
+    CHAIN_COMMENT, COPY_COMMENT, edited_sources, edited_waypoints, flight_comment, flight_of,
+    is_copy, is_of_chain, is_of_reload, kept_source_comments, reread_comments, source_comments,
+    waypoints_comment,
 };
 pub use text::{read_text, read_waypoints};
 pub use vehicle::VehicleOptions;

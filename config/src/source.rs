@@ -6,11 +6,15 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::layer;
+use crate::text::read_waypoints;
 
 /// Beginning of a comment; the hash of the file's settings, a space and its absolute path follow.
 const MARK: &str = "# read from ";
 /// Beginning of the comment on a file that the daemon has read again; the same follows.
 const REREAD_MARK: &str = "# read again ";
+
+/// Beginning of the comment on the waypoint file whose points the daemon has; the hash of its text, a space and its path follow.
+const WAYPOINTS_MARK: &str = "# waypoints read from ";
 
 /// A comment line for each of `files` that is a regular file, with its present settings.
 pub fn source_comments(files: &[PathBuf]) -> String {
@@ -24,6 +28,20 @@ pub fn reread_comments(before: &str, files: &[PathBuf]) -> String {
     let others = named(REREAD_MARK, before).filter(|(_, path)| !is_read(*path));
     let lines = others.map(|(hash, path)| format!("{REREAD_MARK}{hash} {path}\n"));
     lines.chain([read.clone()]).collect()
+}
+
+/// A comment line for the waypoint file at `path`, with its present text; empty if it cannot be read.
+pub fn waypoints_comment(path: &Path) -> String {
+    let name = path.to_str().filter(|name| !name.contains(char::is_control));
+    let line = |(name, hash)| format!("{WAYPOINTS_MARK}{hash:016x} {name}\n");
+    name.zip(text_hash(path)).map_or_else(String::new, line)
+}
+
+/// The waypoint file that was edited or removed after the daemon with the configuration in `text` had read it; `None` if none was, or if this
+/// user may not read it.
+pub fn edited_waypoints(text: &str) -> Option<PathBuf> {
+    let (hash, path) = named(WAYPOINTS_MARK, text).next()?;
+    Some(PathBuf::from(path)).filter(|path| is_edited(path, hash, text_hash))
 }
 
 /// Whether the configuration in `text` was written again because its daemon had read files again.
@@ -87,16 +105,16 @@ pub fn edited_sources(text: &str, since_reload: bool) -> Vec<PathBuf> {
     let edited = named(MARK, text).filter(|(hash, path)| {
         let mut reread = named(REREAD_MARK, text).filter(|_| since_reload);
         let last = reread.find(|(_, other)| other == path);
-        is_edited(Path::new(path), last.map_or(hash, |(hash, _)| hash))
+        is_edited(Path::new(path), last.map_or(hash, |(hash, _)| hash), settings_hash)
     });
     edited.map(|(_, path)| PathBuf::from(path)).collect()
 }
 
-/// Whether the settings of the file at `path` no longer have this hash; `false` if this user may not read it.
-fn is_edited(path: &Path, hash: &str) -> bool {
+/// Whether the content of the file at `path` no longer has this hash, by `hash_of`; `false` if this user may not read it.
+fn is_edited(path: &Path, hash: &str, hash_of: fn(&Path) -> Option<u64>) -> bool {
     match fs::metadata(path) {
         Ok(file) if file.is_file() => {
-            let present = settings_hash(path).map(|hash| format!("{hash:016x}"));
+            let present = hash_of(path).map(|hash| format!("{hash:016x}"));
             File::open(path).is_ok() && present.as_deref() != Some(hash)
         }
         Ok(_) => true,
@@ -110,6 +128,13 @@ fn settings_hash(path: &Path) -> Option<u64> {
     for setting in layer::from_file(path).ok()? {
         hasher.write(format!("{}={}\n", setting.key, setting.value).as_bytes());
     }
+    Some(hasher.finish())
+}
+
+/// Hash of the waypoint file at `path`; `None` if it cannot be read.
+fn text_hash(path: &Path) -> Option<u64> {
+    let mut hasher = fnv::FnvHasher::default();
+    hasher.write(read_waypoints(path).ok()?.as_bytes());
     Some(hasher.finish())
 }
 
@@ -158,5 +183,20 @@ mod tests {
         assert_eq!(edited_sources(&kept_source_comments(&text), false), [files[0].clone()]);
         fs::remove_file(&files[1]).unwrap();
         assert_eq!(edited_sources(&text, false), files);
+    }
+
+    #[test]
+    fn an_edited_and_a_removed_waypoint_file_are_found() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("path.csv");
+        assert_eq!(waypoints_comment(&path), "", "it is missing");
+        fs::write(&path, "t,x,y,z\n0,0,0,1\n").unwrap();
+        let text = waypoints_comment(&path) + "[vehicle]\n";
+        assert_eq!(edited_waypoints(&text), None);
+        fs::write(&path, "t,x,y,z\n0,0,0,2\n").unwrap();
+        assert_eq!(edited_waypoints(&text), Some(path.clone()));
+        fs::remove_file(&path).unwrap();
+        assert_eq!(edited_waypoints(&text), Some(path));
+        assert_eq!(edited_waypoints("[vehicle]\n"), None);
     }
 }

@@ -63,15 +63,15 @@ impl Peer {
 /// The file with the configuration of the daemon, for observers, which need not be given its flags.
 struct ConfigFile {
     file: KeptFile,
-    /// Comment lines of the files that were read again in flight.
-    reread: String,
+    /// Comment lines of the files that were read again in flight, and of the waypoint file.
+    comments: String,
     text: String,
 }
 
 impl ConfigFile {
     /// Writes the file, with comments that name those from which the configuration was read; a copy names those of its original. `is_chain`:
     /// the daemon is part of `oqtal chain run`.
-    fn begin(path: PathBuf, context: &ProcessContext, is_chain: bool) -> Self {
+    fn begin(path: PathBuf, context: &ProcessContext, comments: String, is_chain: bool) -> Self {
         let sources = if context.is_child {
             starting_command(std::process::id()).as_deref().map_or_else(String::new, flight_comment)
         } else {
@@ -87,7 +87,7 @@ impl ConfigFile {
         };
         let chain = if is_chain { CHAIN_COMMENT } else { "" };
         let text = format!("{chain}{sources}{}", context.config.to_toml());
-        let mut file = Self { file: KeptFile::new(path), reread: String::new(), text };
+        let mut file = Self { file: KeptFile::new(path), comments, text };
         file.write();
         file
     }
@@ -100,17 +100,17 @@ impl ConfigFile {
         }
     }
 
-    /// Notes which files were read again, by the comment lines `reread`; after a loss nothing is written, as in [`ConfigFile::keep`].
-    fn note_reread(&mut self, reread: &str, bus: &Bus) {
-        if self.reread != reread && !bus.is_lost() {
-            reread.clone_into(&mut self.reread);
+    /// Notes which files were read again, by their `comments`; after a loss nothing is written, as in [`ConfigFile::keep`].
+    fn note_reread(&mut self, comments: String, bus: &Bus) {
+        if self.comments != comments && !bus.is_lost() {
+            self.comments = comments;
             self.write();
         }
     }
 
     fn write(&mut self) {
-        let Self { file, reread, text } = self;
-        let write = |path: &Path| files::write(path, format!("{reread}{text}"));
+        let Self { file, comments, text } = self;
+        let write = |path: &Path| files::write(path, format!("{comments}{text}"));
         file.renew(write, |line| tracing::warn!("{line}"));
     }
 }
@@ -158,6 +158,7 @@ impl DaemonWorker {
         let files =
             if context.is_child || is_copy(context, &path) { &[] } else { &context.files[..] };
         let settings = LiveSettings::new(&context.config, files);
+        let comments = settings.file_comments();
         let config_hash = context.config.hash();
         let mut requests = requests.with_settings(config_hash, settings);
         // Until the loop reports.
@@ -172,7 +173,7 @@ impl DaemonWorker {
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
         let poses = bus.reader(&POSE)?;
-        let file = ConfigFile::begin(path, context, is_chain);
+        let file = ConfigFile::begin(path, context, comments, is_chain);
         let log = RequestLog::default();
         Ok(Self {
             requests,
@@ -231,7 +232,8 @@ impl BackgroundWorker for DaemonWorker {
         let served = server.serve(|request| {
             let response = requests.ask(request, &mut publish);
             // Before the answer, whose reader may look at the file.
-            file.note_reread(requests.settings.as_ref().map_or("", LiveSettings::reread), bus);
+            let comments = requests.settings.as_ref().map(LiveSettings::file_comments);
+            file.note_reread(comments.unwrap_or_default(), bus);
             response
         });
         if let Err(error) = served {

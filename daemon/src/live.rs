@@ -5,7 +5,7 @@
 //! the background thread drops the rest.
 
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::OperatorCommand;
@@ -28,12 +28,10 @@ use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
 use crate::warnings::{oscillates, quick_warnings, without_effect};
-use crate::waypoint_file::{self, ReadSettings};
+use crate::waypoint_file::{ReadSettings, WAYPOINTS_FILE, require_file};
 
 /// Number of changes of settings that can be taken back \[-\].
 const MOST_UNDONE: usize = 32;
-/// Key of the waypoint file.
-const WAYPOINTS_FILE: &str = "trajectory.waypoints-file";
 /// Name of the request in errors.
 const ORIGIN: &str = "set";
 
@@ -136,15 +134,16 @@ pub struct LiveSettings {
 impl LiveSettings {
     /// The settings of `config`, which was read from `files`, without copies; its waypoint file is read.
     pub fn new(config: &Config, files: &[PathBuf]) -> Self {
-        // A file that cannot be read is an error of the request that needs it.
-        Self::along(config, files, waypoint_file::waypoints(config).unwrap_or(None))
+        Self::of(ReadSettings::at_start(config.clone()), files.to_vec())
     }
 
-    /// As [`LiveSettings::new`], with these points of the waypoint file.
-    pub fn along(config: &Config, files: &[PathBuf], waypoints: Option<Waypoints>) -> Self {
-        let started = ReadSettings { config: config.clone(), waypoints, reread: String::new() };
-        let present = started.clone();
-        Self { started, present, earlier: Vec::new(), files: files.to_vec(), recorded: None }
+    /// As [`LiveSettings::new`] without files, with these points of the waypoint file.
+    pub fn along(config: &Config, waypoints: Option<Waypoints>) -> Self {
+        Self::of(ReadSettings::along(config.clone(), waypoints), Vec::new())
+    }
+
+    fn of(started: ReadSettings, files: Vec<PathBuf>) -> Self {
+        Self { present: started.clone(), started, earlier: Vec::new(), files, recorded: None }
     }
 
     /// The next waypoint file that a request names has these `points`, whatever the file holds now: those recorded in flight.
@@ -161,19 +160,16 @@ impl LiveSettings {
     pub fn changed(&self) -> Vec<String> {
         let Self { started, present, .. } = self;
         let mut changed = started.config.differences(&present.config).unwrap_or_default();
-        if started.has_other_points(present) {
-            // The same name, with other points.
-            let file = present.config.value(WAYPOINTS_FILE);
-            changed.extend(file.map(|file| format!("{WAYPOINTS_FILE}={file}")));
-        }
+        // The same name, with other points.
+        changed.extend(started.has_other_points(present).then(|| present.named_file()).flatten());
         let title =
             (!changed.is_empty()).then(|| "settings changed since the daemon's start:".into());
         title.into_iter().chain(changed).collect()
     }
 
-    /// Comment lines of the files that were read again in flight.
-    pub(crate) fn reread(&self) -> &str {
-        &self.present.reread
+    /// Comment lines of the files that were read again in flight, and of the waypoint file.
+    pub(crate) fn file_comments(&self) -> String {
+        format!("{}{}", self.present.reread, self.present.waypoints_read)
     }
 
     /// Number of changes that can be taken back \[-\].
@@ -334,31 +330,41 @@ impl LiveSettings {
             }
             false => self.present().with_live(&settings)?,
         };
-        let changed = self.present().differences(&next).map_err(Refusal::of_setting)?;
+        let is_named = path.is_empty() || settings.iter().any(|it| it.key == WAYPOINTS_FILE);
+        // Of a file that was removed the points stay.
+        let is_read =
+            is_named && next.trajectory.waypoints_file.as_ref().is_some_and(|it| it.exists());
+        let mut changed = self.present().differences(&next).map_err(Refusal::of_setting)?;
+        let next = ReadSettings { reread, ..self.read(next, is_read)? };
+        // A replay reads the recorded points of a request that names the file.
+        changed.extend(self.present.has_other_points(&next).then(|| next.named_file()).flatten());
         let Some(text) = LongText::of_lines(changed.iter().map(String::as_str)) else {
             let reason = format!("{} settings differ, too many for one request", changed.len());
             return Err(Refusal::of_setting(reason));
         };
-        let next = ReadSettings { reread, ..self.read(next, false)? };
         self.settings(next, text, false)
     }
 
     /// `config` with the points of its waypoint file, which is read if `config` names another one than the present settings, or if the
     /// request names it again.
     fn read(&self, config: Config, is_named: bool) -> Result<ReadSettings, Refusal> {
+        let present = self.present.clone();
         let file = &config.trajectory.waypoints_file;
-        let waypoints = match file {
-            _ if !is_named && *file == self.present().trajectory.waypoints_file => {
-                self.present.waypoints.clone()
+        match (file, &self.recorded) {
+            _ if !is_named && *file == present.config.trajectory.waypoints_file => {
+                Ok(ReadSettings { config, ..present })
             }
-            Some(_) if self.recorded.is_some() => self.recorded.clone(),
-            Some(file) => {
+            (Some(_), Some(points)) => {
+                Ok(ReadSettings { config, waypoints: Some(points.clone()), ..present })
+            }
+            (Some(file), None) => {
                 require_file(file)?;
-                waypoint_file::waypoints(&config)?
+                Ok(ReadSettings { reread: present.reread, ..ReadSettings::reading(config)? })
             }
-            None => None,
-        };
-        Ok(ReadSettings { config, waypoints, reread: self.present.reread.clone() })
+            (None, _) => {
+                Ok(ReadSettings { reread: present.reread, ..ReadSettings::along(config, None) })
+            }
+        }
     }
 
     /// The present settings with the trajectory of the name `kind`.
@@ -379,17 +385,6 @@ impl LiveSettings {
     pub(crate) fn place_for(&self, kind: &str) -> Option<String> {
         let settings = self.with_trajectory(kind).ok()?;
         Some(fitting_starts(&settings.config, &settings.trajectory().ok()?))
-    }
-}
-
-/// Fails if `path` is there and not a file: a pipe would be waited for, and so would every later request.
-fn require_file(path: &Path) -> Result<(), Refusal> {
-    match path.metadata() {
-        Ok(found) if !found.is_file() => {
-            Err(Refusal::of_setting(format!("{}: not a regular file", path.display())))
-        }
-        // The reader reports other errors.
-        _ => Ok(()),
     }
 }
 

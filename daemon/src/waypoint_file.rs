@@ -1,8 +1,15 @@
 //! The trajectory of a configuration, with its waypoint file read.
 
-use oqtal_config::{Config, read_waypoints};
+use std::path::Path;
+
+use oqtal_config::{Config, read_waypoints, waypoints_comment};
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 use oqtal_runtime::process::{Exit, Failure};
+
+use crate::refusal::Refusal;
+
+/// Key of the file.
+pub(crate) const WAYPOINTS_FILE: &str = "trajectory.waypoints-file";
 
 /// The trajectory of `config`, whose waypoint file is read if it flies one.
 ///
@@ -41,6 +48,22 @@ pub fn waypoints(config: &Config) -> Result<Option<Waypoints>, Failure> {
     parsed.map(Some).map_err(|error| data(format!("{name}:{}: {}", error.line, error.problem)))
 }
 
+/// Comment line of the waypoint file of `config`; empty without one.
+fn comment(config: &Config) -> String {
+    config.trajectory.waypoints_file.as_deref().map_or_else(String::new, waypoints_comment)
+}
+
+/// Fails if `path` is there and not a file: a pipe would be waited for, and so would every later request.
+pub(crate) fn require_file(path: &Path) -> Result<(), Refusal> {
+    match path.metadata() {
+        Ok(found) if !found.is_file() => {
+            Err(Refusal::of_setting(format!("{}: not a regular file", path.display())))
+        }
+        // The reader reports other errors.
+        _ => Ok(()),
+    }
+}
+
 /// Settings with the points of their waypoint file: a later change does not depend on the file, which may have vanished.
 #[derive(Clone, Debug)]
 pub(crate) struct ReadSettings {
@@ -49,9 +72,39 @@ pub(crate) struct ReadSettings {
     pub(crate) waypoints: Option<Waypoints>,
     /// Comment lines of the files that were read again in flight.
     pub(crate) reread: String,
+    /// Comment line of the waypoint file, as it was read.
+    pub(crate) waypoints_read: String,
 }
 
 impl ReadSettings {
+    /// `config`, whose waypoint file is read. A file that cannot be read is an error of the request that needs it.
+    pub(crate) fn at_start(config: Config) -> Self {
+        let waypoints_read = comment(&config);
+        let waypoints = waypoints(&config).unwrap_or(None);
+        Self { waypoints_read, ..Self::along(config, waypoints) }
+    }
+
+    /// `config`, whose waypoint file is read.
+    ///
+    /// # Errors
+    /// As [`waypoints`].
+    pub(crate) fn reading(config: Config) -> Result<Self, Failure> {
+        // First: an edit from now on is told once too often, and never lost.
+        let waypoints_read = comment(&config);
+        let waypoints = waypoints(&config)?;
+        Ok(Self { waypoints_read, ..Self::along(config, waypoints) })
+    }
+
+    /// `config` with these points of its waypoint file.
+    pub(crate) fn along(config: Config, waypoints: Option<Waypoints>) -> Self {
+        Self { config, waypoints, reread: String::new(), waypoints_read: String::new() }
+    }
+
+    /// The setting that names the waypoint file, as `KEY=VALUE`; `None` without a file.
+    pub(crate) fn named_file(&self) -> Option<String> {
+        self.config.value(WAYPOINTS_FILE).map(|file| format!("{WAYPOINTS_FILE}={file}"))
+    }
+
     /// Whether `other` has the same settings and points; the files that were read again may differ.
     pub(crate) fn has_same_values(&self, other: &Self) -> bool {
         self.config == other.config && self.waypoints == other.waypoints

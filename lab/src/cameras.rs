@@ -21,7 +21,7 @@ pub enum CamerasCommand {
     /// Noise of a pose from the markers up, at places from the centre of the room to its edge
     Noise(NoiseArgs),
     /// Errors and innovations of the estimators in a flight, for exact, arrival and estimated stamps
-    Estimation(EstimationArgs),
+    Estimation(SettingsArgs),
 }
 
 /// Arguments of `oqtal cameras statistics`.
@@ -42,13 +42,6 @@ pub struct NoiseArgs {
     /// Frames at each place
     #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(10..=1_000_000))]
     frames: u64,
-    #[command(flatten)]
-    settings: SettingsArgs,
-}
-
-/// Arguments of `oqtal cameras estimation`.
-#[derive(Args, Debug)]
-pub struct EstimationArgs {
     #[command(flatten)]
     settings: SettingsArgs,
 }
@@ -107,9 +100,9 @@ impl CamerasCommand {
                 let map = noise::map(&args.settings.config()?, args.frames);
                 args.settings.show(&json!({ "places": map }), &noise::to_text(&map))
             }
-            Self::Estimation(args) => {
-                let rows = estimation::study(args.settings.config()?)?;
-                args.settings.show(&json!({ "stamps": rows }), &estimation::to_text(&rows))
+            Self::Estimation(settings) => {
+                let rows = estimation::study(settings.config()?)?;
+                settings.show(&json!({ "stamps": rows }), &estimation::to_text(&rows))
             }
         }
     }

@@ -99,7 +99,6 @@ impl Environment {
         let estimator = Estimator::new(config.control.estimator);
         let mission = Mission::new(config)?;
         let lane = begin(&mission, task)?;
-        let (past, captured_at) = ([[0.0; ACTION]; PAST], Time::UNSET);
         let start = mission.trajectory.sample(0.0);
         // A trajectory may begin in motion.
         let reference = match task {
@@ -108,7 +107,6 @@ impl Environment {
                 Reference::rest(start.position, start.phase)
             }
         };
-        let estimate = Estimate::default();
         let mut new = Self {
             mission,
             task,
@@ -116,9 +114,9 @@ impl Environment {
             lane,
             reference,
             estimator,
-            estimate,
-            captured_at,
-            past,
+            estimate: Estimate::default(),
+            captured_at: Time::UNSET,
+            past: [[0.0; ACTION]; PAST],
             steps: 0,
         };
         new.begin_estimate();

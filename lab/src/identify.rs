@@ -7,14 +7,13 @@
 //! | `turning.rs`, `lifting.rs`, `estimate.rs` | the fits of rotation and translation, and their order |
 //! | `fit.rs`, `noise.rs`, `robust.rs`, `residuals.rs` | least squares, noise, outliers, tests |
 //! | `finding.rs`, `flown_motion.rs`, `camera_figures.rs`, `identification.rs` | estimates of parameters, and the rules for accepting them |
-//! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `frequency_response.rs`, `digits.rs` | text, configuration, page |
+//! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `frequency_response.rs` | text, configuration, page |
 //! | `excitation_flight.rs`, `hidden_plants.rs` | the excitation flight; errors of identifications |
 //! | `command.rs` | the command line |
 
 pub mod camera_figures;
 pub mod command;
 pub mod data;
-pub mod digits;
 pub mod estimate;
 pub mod excitation_flight;
 pub mod finding;

@@ -156,13 +156,10 @@ impl Journal {
     /// The file cannot be written (exit code 71).
     pub fn keep(&self, key: u64, result: &impl Serialize) -> Result<(), Failure> {
         let kept = serde_json::to_value(result).expect("a result is plain JSON");
-        self.append(&JournalLine { key, kept })
-    }
-
-    fn append(&self, line: &JournalLine) -> Result<(), Failure> {
-        let line = format!("{}\n", serde_json::to_string(line).expect("a line is plain JSON"));
+        let line = serde_json::to_string(&JournalLine { key, kept }).expect("a line is plain JSON");
         let mut file = self.file.lock().expect("no holder of this lock panics");
-        file.write_all(line.as_bytes()).map_err(|error| unwritable(&self.path, &error))?;
+        file.write_all(format!("{line}\n").as_bytes())
+            .map_err(|error| unwritable(&self.path, &error))?;
         self.has_result.store(true, Ordering::Relaxed);
         Ok(())
     }
@@ -221,7 +218,8 @@ fn in_order(command: &str) -> String {
     flags.join(" --")
 }
 
-fn unwritable(path: &Path, error: &io::Error) -> Failure {
+/// Failure for a file or directory of a study that cannot be written.
+pub(crate) fn unwritable(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::System, format!("{}: {error}; give another --out", path.display()))
 }
 

@@ -10,7 +10,7 @@ use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
 
-use crate::journal::Journal;
+use crate::journal::{Journal, unwritable};
 use crate::progress::Progress;
 use crate::study::args::command;
 
@@ -294,10 +294,6 @@ pub fn check_file(file: &Path) -> Result<(), Failure> {
 
 fn make_parent(file: &Path) -> io::Result<()> {
     fs::create_dir_all(file.parent().unwrap_or(Path::new("")))
-}
-
-fn unwritable(path: &Path, error: &io::Error) -> Failure {
-    Failure::new(Exit::System, format!("{}: {error}; give another --out", path.display()))
 }
 
 #[cfg(test)]

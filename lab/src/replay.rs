@@ -106,8 +106,9 @@ impl RecordedWaypoints {
         parsed.collect::<Result<_, _>>().map(Self)
     }
 
-    fn at_start(&self) -> Option<&Waypoints> {
-        self.0.get(WAYPOINTS_FILE)
+    /// The points that the daemon of `history` had at its start.
+    fn at_start(&self, history: &DaemonHistory) -> Option<&Waypoints> {
+        self.0.get(&history.waypoints_at_start()).or_else(|| self.0.get(WAYPOINTS_FILE))
     }
 }
 
@@ -122,7 +123,7 @@ pub fn replay(
 ) -> Result<ReplayResult, Failure> {
     let mut turns = history.turns.iter();
     let Some(start) = turns.next() else { return Ok(ReplayResult::default()) };
-    let mut bench = ReplayBench::open(config, waypoints.at_start(), start)?;
+    let mut bench = ReplayBench::open(config, waypoints.at_start(history), start)?;
     for turn in turns {
         match InputKind::from_code(turn.input.kind) {
             Some(InputKind::Turn) => bench.turn(turn)?,
@@ -178,7 +179,7 @@ impl ReplayBench {
             poses: bus.writer(&POSE)?,
             vehicles: bus.writer(&VEHICLE)?,
             references: bus.writer(&REFERENCE)?,
-            settings: LiveSettings::along(config, &[], waypoints.cloned()),
+            settings: LiveSettings::along(config, waypoints.cloned()),
             stop: bus.stop_switch()?,
             daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law },
             answer,

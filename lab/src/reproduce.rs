@@ -8,7 +8,6 @@ pub mod body;
 pub mod chapter;
 pub mod claims;
 pub mod comparison;
-pub mod criteria;
 pub mod expression;
 pub mod figures;
 pub mod lander;
@@ -36,11 +35,11 @@ use serde_json::{Value, json};
 
 use crate::output::{ExistingArgs, StudyOutput};
 use crate::sheet::Sheet;
-use crate::study::args::command;
 
 use chapter::{Chapter, ExperimentContext};
 use claims::{Claim, claims};
 use lander::Lander;
+use page::PAPER;
 
 /// One experiment: its name, its figures, and the function that runs it.
 struct Experiment {
@@ -98,8 +97,6 @@ const EXPERIMENTS: [Experiment; 9] = [
     },
 ];
 
-/// Files of the results.
-const FILES: [&str; 3] = ["reproduction.html", "reproduction.md", "reproduction.json"];
 /// Name that selects all experiments.
 const ALL: &str = "all";
 
@@ -137,7 +134,7 @@ impl ReproduceArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         // Each experiment sets what the paper names, over the built-in values.
         let of = ("reproduce", &Config::default());
-        let output = StudyOutput::begin(of, self.out.as_deref(), &FILES, self.existing)?;
+        let output = StudyOutput::begin(of, self.out.as_deref(), &PAPER.files(), self.existing)?;
         let (lander, retune) = (Lander::new()?, self.retune);
         let context = ExperimentContext { lander, retune, output };
         let selected = EXPERIMENTS.iter().filter(|experiment| self.selects(experiment));
@@ -147,12 +144,7 @@ impl ReproduceArgs {
         let mut json = to_json(&chapters);
         context.output.add_provenance(&mut json);
         let json = format!("{json:#}\n");
-        let [page, markdown, document] = FILES;
-        let output = &context.output;
-        output.write(page, page::html(&page::PAPER, &chapters))?;
-        output.write(markdown, page::markdown(&page::PAPER, &chapters, &command()))?;
-        output.write(document, &json)?;
-        output.complete()?;
+        let page = PAPER.write(&context.output, &chapters, &json)?;
         if self.json {
             print(json.trim_end())?;
         } else {
@@ -162,7 +154,7 @@ impl ReproduceArgs {
             for Claim { claim, verdict, found, .. } in claims(&chapters) {
                 print(&wrapped(&format!("{}: {claim}: {found}.", verdict.shown()), 2))?;
             }
-            print(&format!("\npage: {}", output.directory.join(page).display()))?;
+            print(&format!("\npage: {}", page.display()))?;
         }
         Ok(Exit::Ok)
     }

@@ -27,9 +27,9 @@ use serde_json::Value;
 use crate::output::{ExistingArgs, StudyOutput};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
-use crate::reproduce::page::{self, PageHead};
+use crate::reproduce::page::PageHead;
 use crate::sheet::Sheet;
-use crate::study::args::{StudyArgs, command, say_notes};
+use crate::study::args::{StudyArgs, say_notes};
 use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, STUDY_DEFAULT, StudyLaw};
 use crate::study::{Flown, failure, records};
@@ -94,8 +94,6 @@ pub struct RobustnessArgs {
     study: StudyArgs,
 }
 
-/// Files of the results.
-const FILES: [&str; 3] = ["robustness.html", "robustness.md", "robustness.json"];
 /// Key in the document, and name as a case, of the draws of `--spread`.
 const DRAWS: &str = "draws";
 
@@ -149,23 +147,18 @@ impl RobustnessArgs {
         let config = Config::from_settings(&common)?;
         say_notes(self.gains.iter().find_map(|source| source.note(&config)));
         let of = ("robustness", &config);
-        let output = StudyOutput::begin(of, self.out.as_deref(), &FILES, self.existing)?;
+        let output = StudyOutput::begin(of, self.out.as_deref(), &PAGE.files(), self.existing)?;
         let FlownStudy { mut document, chapters, flown } = self.flown(&common, &output.progress)?;
         let sheets = || chapters.iter().flat_map(|chapter| &chapter.sheets);
         document["tables"] = sheets().map(Sheet::to_json).collect();
         output.add_provenance(&mut document);
         document["failures"] = records::failures(&flown);
         let document = format!("{document:#}\n");
-        let [page, markdown, json] = FILES;
-        output.write(page, page::html(&PAGE, &chapters))?;
-        output.write(markdown, page::markdown(&PAGE, &chapters, &command()))?;
-        output.write(json, &document)?;
-        output.complete()?;
+        let page = PAGE.write(&output, &chapters, &document)?;
         if self.json {
             print(document.trim_end())?;
         } else {
             let text = text(&sheets().collect::<Vec<_>>(), &flown);
-            let page = output.directory.join(page);
             print(&format!("{text}\n\npage, with details: {}", page.display()))?;
         }
         Ok(Exit::Ok)

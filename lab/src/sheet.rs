@@ -1,7 +1,7 @@
 //! Sheets: tables of figures printed in the paper or computed here, as JSON, text and Markdown; the HTML page shows them too.
 
 use oqtal_observe::plot::unit::{MISSING, rounded};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::text_table::{self, NamedRow};
 
@@ -165,14 +165,13 @@ impl SheetRow {
 
     /// The row as a JSON object with flat keys.
     pub fn to_json(&self, columns: &[Column]) -> Value {
-        let mut object = Map::new();
-        object.insert("controller".to_owned(), json!(self.controller));
-        object.insert("variant".to_owned(), json!(self.variant.key()));
-        object.insert("settings".to_owned(), json!(self.settings));
+        let (variant, settings) = (self.variant.key(), &self.settings);
+        let mut object =
+            json!({ "controller": self.controller, "variant": variant, "settings": settings });
         for ((key, _), cell) in columns.iter().zip(&self.cells) {
-            object.insert((*key).to_owned(), cell.to_json());
+            object[*key] = cell.to_json();
         }
-        Value::Object(object)
+        object
     }
 }
 
@@ -235,20 +234,6 @@ impl Sheet {
         }
     }
 
-    /// Numbers in the columns `keys` of the first row of a law and variant with all of `words` in its settings, else NaN.
-    pub fn figures<const N: usize>(
-        &self,
-        (controller, variant): (&str, Variant),
-        words: &[&str],
-        keys: [&str; N],
-    ) -> [f64; N] {
-        let is_meant = |row: &&SheetRow| {
-            row.controller == controller && words.iter().all(|word| row.settings.contains(word))
-        };
-        let row = self.of(variant).find(is_meant);
-        keys.map(|key| row.map_or(f64::NAN, |row| row.number(&self.columns, key)))
-    }
-
     /// The sheet as JSON: `{"table", "rows"}`, and `"mismatched"` with other plants.
     pub fn to_json(&self) -> Value {
         let mut object = json!({ "table": self.name, "rows": self.json_rows() });
@@ -261,13 +246,6 @@ impl Sheet {
 
     fn json_rows(&self) -> Vec<Value> {
         self.rows.iter().map(|row| row.to_json(&self.columns)).collect()
-    }
-
-    /// Whether variant and settings are shown: the variant unless all rows are ours, settings if they differ.
-    fn differing(&self) -> (bool, bool) {
-        let are_ours = self.rows.iter().all(|row| row.variant == Variant::Ours);
-        let differ = self.rows.windows(2).any(|pair| pair[0].settings != pair[1].settings);
-        (!are_ours, differ)
     }
 
     /// The sheet as tables for the terminal; names common to all rows are above them, columns without a value left out.
@@ -313,7 +291,8 @@ impl Sheet {
 
     /// The sheet as Markdown, a block for each variant; no variant if all rows are ours, no settings if all rows share them.
     pub fn to_markdown(&self) -> String {
-        let (variants, settings) = self.differing();
+        let variants = self.rows.iter().any(|row| row.variant != Variant::Ours);
+        let settings = self.rows.windows(2).any(|pair| pair[0].settings != pair[1].settings);
         // An unescaped bar would end the cell.
         let cells = |variant: &str, law: &str, set: &str, figures: Vec<String>| -> Vec<String> {
             let names = [variants.then_some(variant), Some(law), settings.then_some(set)];
@@ -326,15 +305,12 @@ impl Sheet {
         for note in &self.notes {
             text += &format!("{note}\n\n");
         }
-        text += &format!("| {} |\n|{}\n", headings.join(" | "), "---|".repeat(headings.len()));
-        for variant in Variant::ALL {
-            for row in self.of(variant) {
-                let figures = (0..row.cells.len()).map(|k| self.show(row, k)).collect();
-                let line = cells(variant.title(), &row.controller, &row.settings, figures);
-                text += &format!("| {} |\n", line.join(" | "));
-            }
-        }
-        text + "\n"
+        let row = |row: &SheetRow| {
+            let figures = (0..row.cells.len()).map(|k| self.show(row, k)).collect();
+            cells(row.variant.title(), &row.controller, &row.settings, figures)
+        };
+        let rows = Variant::ALL.into_iter().flat_map(|variant| self.of(variant)).map(row);
+        text + &text_table::markdown(&headings, rows) + "\n\n"
     }
 }
 

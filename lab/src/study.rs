@@ -137,14 +137,7 @@ impl Study<'_> {
         self.check()?;
         let tests = self.flights().iter().map(|(_, case, _)| case.tests.len()).sum();
         let bar = progress.start(self.name, tests);
-        let run = self.fly_each(&|flights: TestFlights| {
-            let tests = flights.count();
-            let run =
-                progress.kept(flights, TestFlights::key, |flights| flights.fly_here(progress));
-            bar.add(tests);
-            progress.check().and(run)
-        });
-        Ok(self.rows(run?))
+        self.fly_each(progress, |tests| bar.add(tests))
     }
 
     /// Flies the study as [`Self::fly`] does, without a progress bar.
@@ -152,20 +145,24 @@ impl Study<'_> {
     /// # Errors
     /// As [`Self::fly`]; the settings are not checked before the first flight.
     pub fn fly_without_bar(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
-        let runs = self.fly_each(&|flights: TestFlights| {
-            progress.kept(flights, TestFlights::key, |flights| flights.fly_here(progress))
-        });
-        Ok(self.rows(runs?))
+        self.fly_each(progress, |_| ())
     }
 
+    /// Flies the study on all cores; `note` is called with the number of tests of each run.
     fn fly_each(
         &self,
-        fly: &(impl Fn(TestFlights) -> Result<Run, Failure> + Sync),
-    ) -> Result<Vec<Run>, Failure> {
+        progress: &Progress,
+        note: impl Fn(usize) + Sync,
+    ) -> Result<Vec<Flown>, Failure> {
         let run = |(law, case, condition): (&StudyLaw, &Case, &FlightCondition)| {
-            fly(TestFlights::new(law, condition, &case.tests)?)
+            let flights = TestFlights::new(law, condition, &case.tests)?;
+            let run =
+                progress.kept(flights, TestFlights::key, |flights| flights.fly_here(progress));
+            note(case.tests.len());
+            progress.check().and(run)
         };
-        self.flights().into_par_iter().map(run).collect()
+        let runs: Result<Vec<Run>, Failure> = self.flights().into_par_iter().map(run).collect();
+        Ok(self.rows(runs?))
     }
 
     /// Flies the study sequentially, using `fly` for each flight. Returns the rows like [`Self::fly`].

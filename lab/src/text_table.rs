@@ -1,8 +1,9 @@
 //! Tables for a terminal of 80 columns; a wider table is split into several blocks, one below the other.
 
+use std::borrow::Borrow;
+
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
-use oqtal_observe::plot::unit::{MISSING, rounded};
 
 /// Greatest width of a block \[columns\].
 const WIDTH: usize = 80;
@@ -10,13 +11,8 @@ const WIDTH: usize = 80;
 /// One row: its names, and its figures.
 pub type NamedRow = (Vec<String>, Vec<String>);
 
-/// A number with four significant digits; a dash if it is not finite.
-pub fn number(value: f64) -> String {
-    if value.is_finite() { rounded(value, 4) } else { MISSING.to_owned() }
-}
-
 /// Table in Markdown, without a trailing line break.
-pub fn markdown(headings: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+pub fn markdown(headings: &[impl Borrow<str>], rows: impl Iterator<Item = Vec<String>>) -> String {
     let head = format!("| {} |\n|{}", headings.join(" | "), "---|".repeat(headings.len()));
     let lines = rows.map(|cells| format!("\n| {} |", cells.join(" | ")));
     head + &lines.collect::<String>()

@@ -173,7 +173,7 @@ impl TuneArgs {
         let tuned = tune(name, &self.budget(), flights, &output.progress)?;
         let fly = self.flown_with(file, &flights.settings, &tuned);
         let note = fly.as_ref().map(|fly| format!("for a flight with the same settings: {fly}"));
-        write_file(file, tuned.to_toml(&self.own(flights), &note.unwrap_or_default()))?;
+        write_file(file, tuned.to_toml(&flights.settings, &note.unwrap_or_default()))?;
         let [_, page] = with_page(file);
         write_file(&page, page::html(&tuned))?;
         let (page, file) = (page.display(), file.display());
@@ -182,17 +182,11 @@ impl TuneArgs {
     }
 
     fn flights(&self) -> Result<TrainingFlights, Failure> {
-        let (settings, seeds) = (self.study.settings()?, self.seeds.clone());
+        let settings = self.study.settings()?;
         let laws = self.names().into_iter().filter(|name| *name != "outer");
         let laws = laws.map(|name| StudyLaw::new(name, settings.clone(), ""));
         say_notes(law::warnings(&laws.collect::<Vec<_>>()));
-        let Some(spread) = self.spread.as_deref() else {
-            return Ok(TrainingFlights::near(settings, seeds));
-        };
-        let spread = PlantSpread::named(spread)?;
-        say_notes(spread.note(&settings)?);
-        let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
-        Ok(TrainingFlights::over(settings, &draws))
+        training(settings, self.seeds.clone(), self.spread.as_deref())
     }
 
     /// Arguments that select flights and weights, where they are not the default ones, each preceded by a space.
@@ -238,11 +232,22 @@ impl TuneArgs {
         let flags: String = flags.map(|(key, value)| format!(" --set {key}={value}")).collect();
         Some(format!("oqtal fly{words} --config {gains}{flags}"))
     }
+}
 
-    /// Settings of the search except those of environment variables, which apply to every command.
-    fn own<'a>(&self, flights: &'a TrainingFlights) -> Vec<&'a Setting> {
-        flights.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()
-    }
+/// Flights with these settings and seeds: on plants near the configured one, or on draws of the spread `spread`.
+///
+/// # Errors
+/// The spread or a setting is invalid.
+pub fn training(
+    settings: Vec<Setting>,
+    seeds: Range<u64>,
+    spread: Option<&str>,
+) -> Result<TrainingFlights, Failure> {
+    let Some(spread) = spread else { return Ok(TrainingFlights::near(settings, seeds)) };
+    let spread = PlantSpread::named(spread)?;
+    say_notes(spread.note(&settings)?);
+    let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
+    Ok(TrainingFlights::over(settings, &draws))
 }
 
 /// Arguments that select seeds and spread, where they are not the default ones, each preceded by a space.

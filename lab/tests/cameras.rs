@@ -1,22 +1,15 @@
 //! Flights on poses computed from simulated markers, and estimation errors in real rooms.
 
 use nalgebra::Vector3;
-use oqtal_config::{Config, Setting};
+use oqtal_config::Config;
 use oqtal_lab::cameras::{estimation, noise, statistics};
-use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation::fly;
 use oqtal_observe::flight::{Flight, Outcome};
 
-fn config(settings: &[(&str, toml::Value)]) -> Config {
-    let settings: Vec<Setting> =
-        settings.iter().map(|(key, value)| Setting::flag("test", key, value.clone())).collect();
-    Config::from_settings(&settings).unwrap()
-}
+use crate::{config, flown};
 
-fn flown(settings: &[(&str, toml::Value)]) -> Flight {
-    let markers = [("mocap.model", "markers".into())];
-    let settings: Vec<_> = markers.iter().chain(settings).cloned().collect();
-    fly(&Mission::new(config(&settings)).unwrap()).unwrap()
+/// A flight on poses computed from markers.
+fn on_markers(settings: &[&str]) -> Flight {
+    flown(config(&[&["mocap.model=markers"], settings].concat()))
 }
 
 fn position_error(flight: &Flight) -> f64 {
@@ -31,11 +24,8 @@ fn position_error(flight: &Flight) -> f64 {
 
 #[test]
 fn a_covered_camera_and_two_hidden_markers_still_fly_the_square() {
-    let whole = flown(&[]);
-    let partly = flown(&[
-        ("mocap.cameras.covered", vec![2].into()),
-        ("mocap.markers.hidden", vec![1, 5].into()),
-    ]);
+    let whole = on_markers(&[]);
+    let partly = on_markers(&["mocap.cameras.covered=[2]", "mocap.markers.hidden=[1,5]"]);
     assert_eq!((whole.outcome, partly.outcome), (Outcome::Landed, Outcome::Landed));
     let ratio = position_error(&partly) / position_error(&whole);
     assert!((0.97..1.03).contains(&ratio), "{ratio}");
@@ -43,10 +33,8 @@ fn a_covered_camera_and_two_hidden_markers_still_fly_the_square() {
 
 #[test]
 fn a_swap_of_two_markers_is_never_flown_through() {
-    let flight = flown(&[
-        ("mocap.markers.swap-probability", 0.01.into()),
-        ("mocap.markers.swap-frames", 3.0.into()),
-    ]);
+    let flight =
+        on_markers(&["mocap.markers.swap-probability=0.01", "mocap.markers.swap-frames=3.0"]);
     assert_eq!(flight.outcome, Outcome::Landed);
     let last = flight.samples.last().unwrap().telemetry;
     assert!(last.poses_refused > 20, "{}", last.poses_refused);
@@ -61,8 +49,8 @@ fn a_swap_of_two_markers_is_never_flown_through() {
 
 #[test]
 fn pose_noise_follows_the_pixel_noise_and_the_place() {
-    let map = noise::map(&config(&[]), 400);
-    let double = noise::map(&config(&[("mocap.cameras.pixel-noise-px", 0.3.into())]), 400);
+    let map = noise::map(&Config::default(), 400);
+    let double = noise::map(&config(&["mocap.cameras.pixel-noise-px=0.3"]), 400);
     for (one, two) in map.iter().zip(&double) {
         let ratio = two.position_mm[0] / one.position_mm[0];
         assert!((1.9..2.1).contains(&ratio), "{}: {ratio}", one.name);
@@ -73,11 +61,9 @@ fn pose_noise_follows_the_pixel_noise_and_the_place() {
 
 #[test]
 fn filters_have_the_right_noise_and_white_innovations() {
-    for (preset, stalls) in [("qualisys", 0.0), ("measured", 0.0), ("room", 0.0)] {
-        let config = config(&[
-            ("mocap.preset", preset.into()),
-            ("mocap.room.stalls-per-1000-s", stalls.into()),
-        ]);
+    for preset in ["qualisys", "measured", "room"] {
+        let preset_setting = format!("mocap.preset={preset}");
+        let config = config(&[&preset_setting, "mocap.room.stalls-per-1000-s=0.0"]);
         let rows = estimation::study(config).unwrap();
         let exact = &rows[0];
         for (nis, next) in exact.nis_ratio.iter().zip(exact.next_ratio) {
@@ -92,8 +78,7 @@ fn filters_have_the_right_noise_and_white_innovations() {
 
 #[test]
 fn statistics_without_recordings_are_within_nothing() {
-    let study = statistics::CameraStudy::of(&config(&[("mocap.preset", "room".into())]), 40.0, &[])
-        .unwrap();
+    let study = statistics::CameraStudy::of(&config(&["mocap.preset=room"]), 40.0, &[]).unwrap();
     assert_eq!(study.is_within(0), None);
     assert_eq!(study.to_text().lines().count(), 23);
     assert_eq!(study.to_json()["figures"].as_array().unwrap().len(), 21);

@@ -16,16 +16,14 @@ use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::recording::{InputHistory, RecordingFile, play};
 use oqtal_observe::summary::Summary;
 
+use crate::config;
 use pd::PositionPd;
 use propagation::Watched;
 use sabotage::{Sabotage, Saboteur};
 
 /// A mission under an external law, with these settings.
 pub fn mission(settings: &[&str]) -> Mission {
-    let external = ["control.controller=external"];
-    let settings = external.iter().chain(settings).map(|text| Setting::parse("--set", text));
-    let settings: Vec<Setting> = settings.collect::<Result<_, _>>().unwrap();
-    Mission::new(Config::from_settings(&settings).unwrap()).unwrap()
+    Mission::new(config(&[&["control.controller=external"], settings].concat())).unwrap()
 }
 
 /// Number of hand-overs in the flight, and the reason for the last.

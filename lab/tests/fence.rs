@@ -1,16 +1,17 @@
 //! A flight that the check before the start accepts is not held by the fence.
 
 use nalgebra::Vector3;
-use oqtal_config::{Config, Setting};
+use oqtal_config::Config;
 use oqtal_daemon::{require_flyable, trajectory};
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
 use oqtal_observe::flight::Outcome;
+
+use crate::{config, flown};
 
 /// A circle of this radius \[m\] and speed \[m/s\] in a fence that begins at x = -`width_m`.
 fn circle(law: &str, [radius_m, speed_m_s]: [f64; 2], width_m: f64, seed: u64) -> Config {
     let period_s = std::f64::consts::TAU * radius_m / speed_m_s;
-    let settings = [
+    config(&[
         format!("control.controller={law}"),
         "trajectory.kind=circle".to_owned(),
         format!("trajectory.circle.radius-m={radius_m}"),
@@ -18,9 +19,7 @@ fn circle(law: &str, [radius_m, speed_m_s]: [f64; 2], width_m: f64, seed: u64) -
         format!("fence.x-m=[-{width_m}, 20.0]"),
         "fence.y-m=[-20.0, 20.0]".to_owned(),
         format!("clock.seed={seed}"),
-    ];
-    let settings = settings.map(|text| Setting::parse("test", &text).unwrap());
-    Config::from_settings(&settings).unwrap()
+    ])
 }
 
 /// Least accepted width, to a millimetre \[m\].
@@ -45,8 +44,7 @@ fn a_flight_in_the_narrowest_accepted_fence_is_not_held() {
             .into_iter()
             .flat_map(|law| (1..=5).map(move |seed| (law, seed)))
         {
-            let mission = Mission::new(circle(law, motion, width_m, seed)).unwrap();
-            let flight = simulation::fly(&mission).unwrap();
+            let flight = flown(circle(law, motion, width_m, seed));
             let told = format!("{law}, {motion:?}, seed {seed}: {:?}", flight.shortfall());
             assert!(flight.held_s() == 0.0 && flight.outcome == Outcome::Landed, "{told}");
         }
@@ -54,11 +52,11 @@ fn a_flight_in_the_narrowest_accepted_fence_is_not_held() {
 }
 
 /// The remedies that a refusal names, as settings.
-fn remedies(refusal: &str) -> Vec<Setting> {
+fn remedies(refusal: &str) -> Vec<String> {
     let values = refusal.split("trajectory.").skip(1).filter_map(|text| {
         let (key, rest) = text.split_once(" = ")?;
         let value = rest.split_whitespace().next()?;
-        Some(Setting::parse("test", &format!("trajectory.{key}={value}")).unwrap())
+        Some(format!("trajectory.{key}={value}"))
     });
     values.collect()
 }
@@ -67,13 +65,11 @@ fn remedies(refusal: &str) -> Vec<Setting> {
 #[test]
 fn a_take_off_with_the_named_remedies_is_not_too_fast() {
     for limit in [0.1, 0.2, 0.3, 0.45, 0.6] {
-        let own = ["trajectory.kind=hover".to_owned(), format!("safety.speed-limit-m-s={limit}")];
-        let mut settings = own.map(|text| Setting::parse("test", &text).unwrap()).to_vec();
-        let refused = Mission::new(Config::from_settings(&settings).unwrap()).unwrap_err();
+        let limited = format!("safety.speed-limit-m-s={limit}");
+        let mut settings = vec!["trajectory.kind=hover".to_owned(), limited];
+        let refused = Mission::new(config(&settings)).unwrap_err();
         settings.extend(remedies(&refused.message));
         assert_eq!(settings.len(), if limit < 0.5 { 4 } else { 3 }, "{}", refused.message);
-        let flight =
-            simulation::fly(&Mission::new(Config::from_settings(&settings).unwrap()).unwrap());
-        assert_eq!(flight.unwrap().shortfall(), None, "{limit} m/s");
+        assert_eq!(flown(config(&settings)).shortfall(), None, "{limit} m/s");
     }
 }

@@ -1,9 +1,8 @@
 //! A heading that turns at a constant rate.
 
-use oqtal_config::{Config, Setting};
 use oqtal_control::euler::{EulerAngles, shorter_turn};
-use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
+
+use crate::{config, flown};
 
 #[test]
 fn a_turning_heading_is_followed_without_a_steady_error() {
@@ -11,14 +10,10 @@ fn a_turning_heading_is_followed_without_a_steady_error() {
     let file = directory.path().join("turn.csv");
     std::fs::write(&file, "t,x,y,z,yaw_deg\n0,0,0,1,0\n1,0,0,1,30\n13,0,0,1,390\n14,0,0,1,420\n")
         .unwrap();
-    let settings = [
-        Setting::flag("test", "control.controller", "oqtal-dt"),
-        Setting::flag("test", "trajectory.kind", "waypoints"),
-        Setting::flag("test", "trajectory.waypoints-file", file.display().to_string()),
-    ];
-    let config = Config::from_settings(&settings).unwrap();
+    let file = format!("trajectory.waypoints-file={}", file.display());
+    let config = config(&["control.controller=oqtal-dt", "trajectory.kind=waypoints", &file]);
     let start_s = config.trajectory.start_s();
-    let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+    let flight = flown(config);
     let is_steady = |mission_s: f64| (4.0..12.0).contains(&(mission_s - start_s));
     let steady = flight.scored().filter(|sample| is_steady(sample.telemetry.mission_s));
     let errors: Vec<f64> = steady

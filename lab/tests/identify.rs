@@ -17,9 +17,9 @@ use oqtal_lab::identify::overview;
 use oqtal_lab::identify::rotation::{self, RotationModel, RotationNoise};
 use oqtal_lab::identify::translation::{self, TranslationModel, TranslationNoise};
 use oqtal_lab::identify::vehicle_toml;
-use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
 use oqtal_observe::flight::Flight;
+
+use crate::{config, flown};
 
 /// Longest flight \[s\].
 const LONGEST_S: f64 = 60.0;
@@ -27,6 +27,11 @@ const LONGEST_S: f64 = 60.0;
 fn identified(flight: &Flight) -> Identification {
     let data = [FlightData::of(flight)];
     identify(&data, &flight.config.vehicle, Scale::Unknown).unwrap()
+}
+
+/// The excitation flight with these settings.
+fn excited(settings: &[impl AsRef<str>]) -> Flight {
+    excitation_flight::fly(&config(settings)).unwrap().flight
 }
 
 fn armed_s(flight: &Flight) -> f64 {
@@ -70,11 +75,8 @@ fn hidden_vehicles_are_identified_within_their_bounds() {
 /// With noise-free cameras, residuals are rounding errors; a command without delay leaves no room for a second lag.
 #[test]
 fn cameras_without_noise_and_commands_without_delay_are_identified() {
-    let ideal = [Setting::flag("test", "mocap.preset", "ideal")];
-    let prompt = [Setting::flag("test", "plant.command-delay-ms", 0.0)];
-    for (settings, delay_ms) in [(&ideal, 20.0), (&prompt, 0.0)] {
-        let config = Config::from_settings(settings).unwrap();
-        let found = identified(&excitation_flight::fly(&config).unwrap().flight);
+    for (setting, delay_ms) in [("mocap.preset=ideal", 20.0), ("plant.command-delay-ms=0", 0.0)] {
+        let found = identified(&excited(&[setting]));
         let of = |name| found.findings.iter().find(|finding| finding.name == name).unwrap();
         let (delay, thrust) = (of(rules::DELAY.name), of(rules::THRUST_PER_MASS.name));
         assert!(delay.is_shown() && (delay.value - delay_ms).abs() < 0.5, "{delay:?}");
@@ -103,8 +105,7 @@ fn neither_truth_nor_plant_nor_instants_of_effect_reach_the_estimator() {
 
 #[test]
 fn an_excitation_that_assumed_another_mass_says_so_and_is_compared_with_the_configured_one() {
-    let heavy = [Setting::flag("test", "plant.mass-kg", 0.75)];
-    let config = Config::from_settings(&heavy).unwrap();
+    let config = config(&["plant.mass-kg=0.75"]);
     let flown = excitation_flight::fly(&config).unwrap();
     let text = flown.assumption.unwrap();
     for part in ["the configured mass of 0.5 kg the excitation failed", "assumes 0.650 kg"] {
@@ -119,12 +120,7 @@ fn an_excitation_that_assumed_another_mass_says_so_and_is_compared_with_the_conf
 
 #[test]
 fn a_parameter_that_a_hover_does_not_determine_is_not_written() {
-    let settings = [
-        Setting::flag("test", "trajectory.kind", "hover"),
-        Setting::flag("test", "trajectory.hover.duration-s", 6.0),
-    ];
-    let config = Config::from_settings(&settings).unwrap();
-    let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+    let flight = flown(config(&["trajectory.kind=hover", "trajectory.hover.duration-s=6"]));
     let identification = identified(&flight);
     assert!(check_distinct(&[&flight]).is_ok() && check_distinct(&[&flight, &flight]).is_err());
     let drag = identification.of_key("vehicle.drag-per-s")[0];
@@ -138,12 +134,7 @@ fn a_parameter_that_a_hover_does_not_determine_is_not_written() {
 /// The law flies on one pose in four; all are used. With the poses of the law alone, the thrust of this hover is up to a tenth too small.
 #[test]
 fn a_hover_with_cameras_faster_than_the_controller_shows_the_thrust() {
-    let settings = [
-        Setting::flag("test", "trajectory.kind", "hover"),
-        Setting::flag("test", "mocap.rate-hz", 240.0),
-    ];
-    let config = Config::from_settings(&settings).unwrap();
-    let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+    let flight = flown(config(&["trajectory.kind=hover", "mocap.rate-hz=240"]));
     let found = identified(&flight);
     assert!(3 * flight.samples.len() < found.poses * 2, "{}", found.poses);
     let thrust = found.of_key("vehicle.max-thrust-n")[0];
@@ -157,31 +148,27 @@ fn a_vehicle_with_curved_thrust_flies_with_its_file() {
     for exponent in [1.2, 1.6, 2.0] {
         let own = [format!("plant.thrust-exponent={exponent}")];
         let words = vehicle.into_iter().chain(own.iter().map(String::as_str));
-        let settings: Vec<_> = words.map(|text| Setting::parse("test", text).unwrap()).collect();
-        let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();
-        let found = identified(&flight.flight);
+        let flight = excited(&words.collect::<Vec<_>>());
+        let found = identified(&flight);
         let thrust = found.of_key("vehicle.max-thrust-n")[0];
         let weight_n = 1.34 * 9.81;
         let truth = weight_n / (weight_n / 31.0_f64).powf(1.0 / exponent);
         assert!((thrust.value - truth).abs() <= 2.0 * thrust.half_width, "{truth}: {thrust:?}");
         assert!(thrust.half_width < 0.01 * truth, "{thrust:?}");
-        let text = vehicle_toml::toml(&found, &flight.flight.config);
+        let text = vehicle_toml::toml(&found, &flight.config);
         for law in ["geometric", "oqtal-dt"] {
             let more = ["trajectory.kind=hover".to_owned(), format!("control.controller={law}")];
             let more = more.iter().chain(&own).map(String::as_str).chain([vehicle[2]]);
             let more: Vec<_> = more.map(|text| Setting::parse("test", text).unwrap()).collect();
             let config = Config::parse("vehicle.toml", &text, &more).unwrap();
-            let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
-            assert_eq!(flight.shortfall(), None, "{law}, {exponent}");
+            assert_eq!(flown(config).shortfall(), None, "{law}, {exponent}");
         }
     }
 }
 
 #[test]
 fn a_flight_that_has_the_motion_and_does_not_fit_the_model_lacks_no_motion() {
-    let unlike = [Setting::flag("test", "plant.rate-lag-ratio", vec![1.3, 0.8, 1.0])];
-    let config = Config::from_settings(&unlike).unwrap();
-    let found = identified(&excitation_flight::fly(&config).unwrap().flight);
+    let found = identified(&excited(&["plant.rate-lag-ratio=[1.3,0.8,1.0]"]));
     let open: Vec<_> = found.findings.iter().filter(|finding| !finding.is_shown()).collect();
     assert!(!open.is_empty() && open.iter().all(|it| it.missing.is_none()), "{open:?}");
     let text = overview::text(&found);
@@ -195,9 +182,7 @@ fn a_flight_that_has_the_motion_and_does_not_fit_the_model_lacks_no_motion() {
 #[test]
 fn a_delay_that_is_not_determined_leaves_no_lag_of_its_own_and_no_lack_of_motion() {
     let rotors = ["vehicle.preset=crazyflie-2.1", "plant.fidelity=rotors", "plant.mass-kg=0.036"];
-    let settings = rotors.map(|text| Setting::parse("test", text).unwrap());
-    let config = Config::from_settings(&settings).unwrap();
-    let found = identified(&excitation_flight::fly(&config).unwrap().flight);
+    let found = identified(&excited(&rotors));
     let lacking: Vec<_> = found.findings.iter().filter(|it| it.missing.is_some()).collect();
     assert!(lacking.is_empty(), "{lacking:?}");
     let written =
@@ -207,9 +192,7 @@ fn a_delay_that_is_not_determined_leaves_no_lag_of_its_own_and_no_lack_of_motion
 
 #[test]
 fn findings_are_a_layer_of_the_configuration() {
-    let settings = [("plant.rate-lag-ms", 60.0), ("plant.hidden-delay-ms", 9.0)]
-        .map(|(key, value)| Setting::flag("test", key, value));
-    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap().flight;
+    let flight = excited(&["plant.rate-lag-ms=60", "plant.hidden-delay-ms=9"]);
     let identification = identified(&flight);
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("vehicle.toml");
@@ -231,9 +214,8 @@ fn findings_are_a_layer_of_the_configuration() {
 
 #[test]
 fn the_file_of_a_vehicle_has_its_mass_and_the_given_settings() {
-    let settings = ["vehicle.mass-kg=0.9", "vehicle.max-thrust-n=22", "fence.x-m=[-3.0,3.0]"]
-        .map(|text| Setting::parse("test", text).unwrap());
-    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap().flight;
+    let settings = ["vehicle.mass-kg=0.9", "vehicle.max-thrust-n=22", "fence.x-m=[-3.0,3.0]"];
+    let flight = excited(&settings);
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("vehicle.toml");
     std::fs::write(&file, vehicle_toml::toml(&identified(&flight), &flight.config)).unwrap();
@@ -304,7 +286,7 @@ fn the_model_is_that_of_the_predictive_law() {
     let greatest = |innovations: &Innovations| {
         innovations.values.iter().map(Vector3::amax).fold(0.0, f64::max)
     };
-    assert_eq!(turned.innovations.len(), 299);
+    assert_eq!(turned.innovations.values.len(), 299);
     assert!(greatest(&turned.innovations) < 3e-5, "{} rad", greatest(&turned.innovations));
     assert!(greatest(&lifted.innovations) < 3e-5, "{} m", greatest(&lifted.innovations));
     let other = RotationModel { delay_s: 25e-3, ..turning };

@@ -1,8 +1,6 @@
 //! Landings of a vehicle that does not hold its height.
 
-use oqtal_config::{Config, Setting};
-use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
+use crate::{config, flown};
 
 /// A vehicle whose thrust curve makes it hang 0.3 m below its reference: it meets the floor at speed, while its reference is still high.
 const SAGGING: [&str; 14] = [
@@ -28,9 +26,7 @@ fn a_vehicle_that_meets_the_floor_before_its_reference_lands() {
         for seed in 201..206 {
             let own = [format!("control.controller={law}"), format!("clock.seed={seed}")];
             let settings = SAGGING.into_iter().chain(own.iter().map(String::as_str));
-            let settings = settings.map(|text| Setting::parse("test", text).unwrap());
-            let config = Config::from_settings(&settings.collect::<Vec<_>>()).unwrap();
-            let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+            let flight = flown(config(&settings.collect::<Vec<_>>()));
             assert_eq!(flight.shortfall(), None, "{law}, seed {seed}");
         }
     }

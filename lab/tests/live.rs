@@ -8,13 +8,15 @@ mod room;
 
 use std::path::Path;
 
+use crate::config;
 use nalgebra::Vector3;
 use oqtal_bus::code::{Answer, Cause, OperatorCommand, ReferenceKind};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, ReferenceV1, TelemetryV1};
 use oqtal_bus::text::LongText;
 use oqtal_bus::time::Span;
-use oqtal_config::{Config, Setting};
+use oqtal_config::Config;
 use oqtal_control::trajectory::Reference;
+use oqtal_daemon::LawPort;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::replay::{RecordedWaypoints, replay};
 use oqtal_lab::simulation::online::OnlineFlight;
@@ -24,12 +26,9 @@ use oqtal_observe::recording::{InputHistory, McapRecorder, RecordingFile, Record
 
 /// The mission of a hover for `duration_s` \[s\], with `more` settings.
 fn hover(duration_s: f64, more: &[&str]) -> Mission {
-    let mut settings: Vec<_> =
-        more.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
-    settings.push(Setting::flag("test", "trajectory.kind", "hover"));
-    settings.push(Setting::flag("test", "trajectory.duration-s", duration_s));
-    settings.push(Setting::flag("test", "clock.kind", "in-process"));
-    Mission::new(Config::from_settings(&settings).unwrap()).unwrap()
+    let duration = format!("trajectory.duration-s={duration_s}");
+    let own = ["trajectory.kind=hover", &duration, "clock.kind=in-process"];
+    Mission::new(config(&[more, &own].concat())).unwrap()
 }
 
 /// Recorder of a flight of `mission` into the file `path`.
@@ -154,7 +153,8 @@ fn waypoints_flown_by_request_are_those_of_the_start_and_replay_bit_for_bit() {
     let mission = hover(60.0, &[&file]);
     let path = directory.path().join("flight.mcap");
     let recorder = recorder(&mission, &path);
-    let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();
+    let mut flight =
+        OnlineFlight::begin_with(&mission, Some(recorder), LawPort::default()).unwrap();
     fly_for(&mut flight, 7.0);
     std::fs::remove_file(&points).unwrap();
     let fly = ControlRequestV1::of(OperatorCommand::Trajectory);
@@ -187,7 +187,8 @@ fn a_waypoint_file_is_read_whenever_it_is_named_in_flight_and_replays_bit_for_bi
     let path = directory.path().join("flight.mcap");
     let mission = hover(60.0, &[]);
     let mut flight =
-        OnlineFlight::begin_recorded(&mission, Some(recorder(&mission, &path))).unwrap();
+        OnlineFlight::begin_with(&mission, Some(recorder(&mission, &path)), LawPort::default())
+            .unwrap();
     fly_for(&mut flight, 7.0);
     let file = |number: u32| directory.path().join(format!("{number}.csv"));
     let name = |number| request(&format!("trajectory.waypoints-file={}", file(number).display()));

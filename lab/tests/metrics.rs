@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Span;
-use oqtal_config::{Config, Setting};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::FlightPlan;
 use oqtal_lab::mission::Mission;
@@ -14,16 +13,18 @@ use oqtal_observe::settling::StepSettling;
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table::closing;
 
+use crate::config;
+
 /// Heading of the vehicle at the start \[rad\].
 const HEADING: f64 = 0.3;
 
 fn flown(controller: &str, trajectory: &str) -> (Flight, Mission) {
     let settings = [
-        Setting::flag("test", "control.controller", controller),
-        Setting::flag("test", "trajectory.kind", trajectory),
-        Setting::flag("test", "trajectory.hover.duration-s", 14.0),
+        format!("control.controller={controller}"),
+        format!("trajectory.kind={trajectory}"),
+        "trajectory.hover.duration-s=14".to_owned(),
     ];
-    let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
+    let mission = Mission::new(config(&settings)).unwrap();
     let flight = simulation::fly(&mission).unwrap();
     assert!(flight.scored().count() > 100, "{:?}", flight.shortfall());
     (flight, mission)
@@ -113,14 +114,13 @@ fn a_corner_that_does_not_settle_has_no_settling_time() {
 /// A gust pushes a hovering vehicle beyond the soft border of the fence; the safety holds it there for a time.
 #[test]
 fn a_flight_that_the_fence_held_is_not_as_planned_and_its_held_ticks_are_not_scored() {
-    let set = |text: &str| Setting::parse("test", text).unwrap();
     let settings = [
-        set("trajectory.kind=hover"),
-        set("fence.x-m=[-2.0,0.8]"),
-        set("fence.soft-margin-m=0.6"),
-        set("plant.disturb=[\"gust@16+2=6,0,0m/s\"]"),
+        "trajectory.kind=hover",
+        "fence.x-m=[-2.0,0.8]",
+        "fence.soft-margin-m=0.6",
+        "plant.disturb=[\"gust@16+2=6,0,0m/s\"]",
     ];
-    let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
+    let mission = Mission::new(config(&settings)).unwrap();
     let flight = simulation::fly(&mission).unwrap();
     assert_eq!(flight.outcome, Outcome::Landed, "{:?}", flight.shortfall());
     assert_eq!(flight.cause().as_deref(), Some("held by the fence"));

@@ -2,12 +2,11 @@
 //!
 //! `OQTAL_TEST_UNTOLD_SEEDS=40 cargo test -p oqtal-lab --test studies untold:: -- --nocapture` prints the table of docs/oqtal-dt.md.
 
-use oqtal_config::{Config, Setting};
 use oqtal_control::statistics::{Interval, median};
-use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
 use oqtal_lab::study::metric::of_hover;
 use oqtal_observe::flight::Outcome;
+
+use crate::{config, flown};
 
 const OURS: &str = "oqtal-dt";
 const RIVALS: [&str; 3] = ["geometric", "indi", "px4"];
@@ -93,9 +92,7 @@ fn hover(law: &str, case: &str, seed: u64) -> Hover {
     let own = [format!("control.controller={law}"), format!("clock.seed={seed}")];
     let words = COMMON.into_iter().chain(own.iter().map(String::as_str));
     let settings = words.chain(case.split_whitespace());
-    let settings: Vec<_> = settings.map(|text| Setting::parse("test", text).unwrap()).collect();
-    let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
-    let flight = simulation::fly(&mission).unwrap();
+    let flight = flown(config(&settings.collect::<Vec<_>>()));
     let landed = flight.outcome == Outcome::Landed;
     let error_mm = if landed { of_hover(&flight)[0] } else { LOST_MM };
     Hover { error_mm, recovered: landed && flight.shortfall().is_none() }

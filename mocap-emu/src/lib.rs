@@ -31,7 +31,7 @@ pub mod recording;
 mod replay;
 mod room;
 mod scene;
-pub mod serve;
+mod serve;
 mod source;
 pub mod statistics;
 mod transit;

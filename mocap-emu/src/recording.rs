@@ -26,9 +26,6 @@ use oqtal_runtime::process::{Exit, Failure};
 pub use error::{ErrorKind, MAX_BYTES, RecordingError};
 use format::{Layout, PoseRow};
 
-/// An interval between two poses above this counts as a gap \[ns\]: three frames at 60 Hz.
-pub const GAP_NS: u64 = 50_000_000;
-
 /// One pose as it reached the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordedPose {
@@ -109,17 +106,12 @@ impl Recording {
         let mut intervals: Vec<u64> =
             self.poses.windows(2).map(|pair| pair[1].time_ns - pair[0].time_ns).collect();
         intervals.sort_unstable();
-        // Nearest rank: the smallest interval that is at least as long as `percent` of all.
-        let percentile = |percent: usize| intervals[(intervals.len() * percent).div_ceil(100) - 1];
         let duration_ns = intervals.iter().sum();
         Timing {
             mean_rate_hz: 1e9 * intervals.len() as f64 / duration_ns as f64,
             duration_ns,
-            min_ns: intervals[0],
-            median_ns: percentile(50),
-            p99_ns: percentile(99),
-            max_ns: percentile(100),
-            gaps: intervals.iter().filter(|&&interval| interval > GAP_NS).count(),
+            // The smallest interval that is at least as long as half of all.
+            median_ns: intervals[intervals.len().div_ceil(2) - 1],
         }
     }
 }
@@ -139,16 +131,8 @@ pub struct Timing {
     pub mean_rate_hz: f64,
     /// Time from the first pose to the last \[ns\].
     pub duration_ns: u64,
-    /// Shortest interval \[ns\].
-    pub min_ns: u64,
     /// Median interval \[ns\].
     pub median_ns: u64,
-    /// 99th percentile of the intervals \[ns\].
-    pub p99_ns: u64,
-    /// Longest interval \[ns\].
-    pub max_ns: u64,
-    /// Number of intervals longer than [`GAP_NS`] \[-\].
-    pub gaps: usize,
 }
 
 fn parse_lines(text: &str) -> Result<Recording, (usize, ErrorKind)> {

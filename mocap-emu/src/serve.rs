@@ -35,11 +35,7 @@ mod spec;
 mod trouble;
 mod vrpn_server;
 
-pub use feed::{FrameFeed, ServedFrame};
-pub use model::MAX_BODIES;
-pub use network::{NetworkThread, ServeCounters};
 pub use opening::open;
 pub use program::ServeArgs;
-pub use server::{Endpoint, FrameServer};
 pub use source::{ServeTurn, ServedPoses};
-pub use spec::{InvalidServeSpec, ServeSpec};
+pub use spec::ServeSpec;

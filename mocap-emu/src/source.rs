@@ -74,9 +74,9 @@ pub enum Start {
 #[derive(Debug)]
 pub struct Playback<T: Transport> {
     commands: T::Reader<CommandV1>,
-    /// Playback that starts once a daemon is running; prepared beforehand, because the preparation takes time.
-    waiting: Option<Replay>,
-    replay: Option<Replay>,
+    replay: Replay,
+    /// Whether the playback starts with the first command, which has not come yet.
+    is_waiting: bool,
 }
 
 impl<T: Transport> Playback<T> {
@@ -85,34 +85,34 @@ impl<T: Transport> Playback<T> {
     /// # Errors
     /// The transport failed.
     pub fn open(bus: &T, recording: Recording, start: Start) -> Result<Self, BusError> {
+        // The recording is prepared before the first command, because that takes time.
+        let (begin, is_waiting) = match start {
+            Start::At(begin) => (begin, false),
+            Start::FirstCommand => (Time::UNSET, true),
+        };
         let commands = bus.reader(&COMMAND)?;
-        Ok(match start {
-            Start::At(start) => {
-                Self { commands, waiting: None, replay: Some(Replay::new(recording, start)) }
-            }
-            Start::FirstCommand => {
-                let waiting = Some(Replay::new(recording, Time::UNSET));
-                Self { commands, waiting, replay: None }
-            }
-        })
+        Ok(Self { commands, replay: Replay::new(recording, begin), is_waiting })
     }
 }
 
 impl<T: Transport> PoseSource for Playback<T> {
     fn next_event(&self) -> Option<Time> {
-        self.replay.as_ref().and_then(Replay::next_event)
+        if self.is_waiting { None } else { self.replay.next_event() }
     }
 
     fn gather(&mut self, now: Time) -> Result<(), BusError> {
-        if self.waiting.is_some() && self.commands.latest()?.is_some() {
-            self.replay = self.waiting.take();
-            self.replay.iter_mut().for_each(|replay| replay.restart(now));
+        if self.is_waiting && self.commands.latest()?.is_some() {
+            self.is_waiting = false;
+            self.replay.restart(now);
         }
         Ok(())
     }
 
     fn deliver(&mut self, now: Time) -> Option<Delivery> {
-        let delivery = self.replay.as_mut()?.deliver(now)?;
+        if self.is_waiting {
+            return None;
+        }
+        let delivery = self.replay.deliver(now)?;
         if self.next_event().is_none() {
             // Written by the loop: it delays the last pose alone.
             tracing::info!("the recording has ended: no further poses");

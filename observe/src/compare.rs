@@ -14,8 +14,9 @@ use crate::page::{page, section};
 use crate::plot::axis::extent;
 use crate::plot::figure::{self, TimeSpan};
 use crate::plot::palette::Ink;
-use crate::plot::trace::{Point, Trace, is_drawable_point};
+use crate::plot::trace::{Trace, is_drawable_point};
 use crate::plot::unit::{MISSING, significant, span, words};
+use crate::report::path::{VIEWS, View, shown};
 use crate::report::timeline::Timeline;
 use crate::summary::{ErrorFigures, Summary};
 use crate::table::{align, table};
@@ -101,29 +102,27 @@ impl Comparison {
 
     /// Header of a table: the name of its rows, then the letters of the flights.
     fn header(&self, first: &str) -> Vec<String> {
-        let letters = MARKS.iter().take(self.names.len()).map(|(letter, _)| (*letter).to_owned());
-        std::iter::once(first.to_owned()).chain(letters).collect()
+        let letters = MARKS.iter().take(self.names.len());
+        named(first, letters.map(|(letter, _)| (*letter).to_owned()))
     }
 
     /// Row of a table: its name, then one cell per flight.
     fn row(&self, name: &str, cell: impl Fn(&Summary) -> String) -> Vec<String> {
-        std::iter::once(name.to_owned()).chain(self.summaries.iter().map(cell)).collect()
+        named(name, self.summaries.iter().map(cell))
     }
 
     fn flown(&self) -> NamedTable {
-        let files = std::iter::once("file".to_owned()).chain(self.names.iter().cloned()).collect();
         let outcome = |flight: &Flight| match (flight.outcome, flight.cause()) {
             (outcome, Some(cause)) if cause != outcome.to_string() => format!("{outcome}: {cause}"),
             (outcome, _) => outcome.to_string(),
         };
-        let outcomes = self.flights.iter().map(outcome);
         let mut rows = vec![
-            files,
+            named("file", self.names.iter().cloned()),
             self.row("controller", |s| s.controller.clone()),
             self.row("trajectory", |s| s.trajectory.clone()),
             self.row("vehicle", |s| s.vehicle.to_string()),
             self.row("clock, seed", |s| format!("{}, {}", s.clock, s.seed)),
-            std::iter::once("outcome".to_owned()).chain(outcomes).collect(),
+            named("outcome", self.flights.iter().map(outcome)),
             self.row("scored [s]", |s| significant(s.scored_s)),
         ];
         if self.summaries.windows(2).any(|pair| pair[0].error_source != pair[1].error_source) {
@@ -202,19 +201,17 @@ impl Comparison {
                 let cell = |value: &Option<&String>| {
                     value.map_or_else(|| MISSING.to_owned(), Clone::clone)
                 };
-                rows.push(std::iter::once(key.clone()).chain(values.iter().map(cell)).collect());
+                rows.push(named(key, values.iter().map(cell)));
             }
         }
         ("Settings that differ", self.header("setting"), rows)
     }
 
     fn plots(&self) -> Markup {
-        let path = |title, view| figure::in_plane(title, self.paths(view), Vec::new());
         section(
             "Flights, overlaid",
             html! {
-                (path("Top view: y over x [m]", |s| (s.position().x, s.position().y)))
-                (path("Side view: z over x [m]", |s| (s.position().x, s.position().z)))
+                @for (title, view) in VIEWS { (figure::in_plane(title, self.paths(view), Vec::new())) }
                 (over_time("Position error, magnitude [m]", self.error_traces(|s| s.position_error().norm())))
                 (over_time("Attitude error, angle [deg]", self.error_traces(|s| s.attitude_error().norm().to_degrees())))
                 (over_time("Velocity error, magnitude [m/s]", self.error_traces(|s| s.velocity_error().norm())))
@@ -224,10 +221,9 @@ impl Comparison {
     }
 
     /// Flown paths, one per flight, with a gap where the position is not known.
-    fn paths(&self, view: fn(&FlightSample) -> Point) -> Vec<Trace> {
-        let is_shown = |sample: &FlightSample| sample.is_armed() && sample.is_located();
+    fn paths(&self, view: View) -> Vec<Trace> {
         let point = |sample: &FlightSample| {
-            if is_shown(sample) { view(sample) } else { (f64::NAN, f64::NAN) }
+            shown(sample.is_armed() && sample.is_located(), view(sample.position().into()))
         };
         let marked = self.flights.iter().zip(MARKS);
         marked.map(|(flight, (name, ink))| Timeline::new(flight).path(name, ink, point)).collect()
@@ -245,6 +241,11 @@ impl Comparison {
         let marked = self.flights.iter().zip(MARKS);
         marked.map(|(flight, (name, ink))| Timeline::new(flight).trace(name, ink, armed)).collect()
     }
+}
+
+/// A row of a table: its name, then its cells.
+fn named(name: &str, cells: impl Iterator<Item = String>) -> Vec<String> {
+    std::iter::once(name.to_owned()).chain(cells).collect()
 }
 
 /// Plot of traces over time; the axis spans the points that are drawn.
@@ -325,7 +326,7 @@ mod tests {
         let gaps = |traces: Vec<Trace>| {
             traces[0].points.iter().filter(|point| !is_drawable_point(point)).count()
         };
-        assert_eq!(gaps(comparison.paths(|s| (s.position().x, s.position().y))), 1);
+        assert_eq!(gaps(comparison.paths(VIEWS[0].1)), 1);
         assert!(gaps(comparison.error_traces(|s| s.position_error().norm())) > 0);
         assert_eq!(gaps(comparison.traces(|s| s.telemetry.thrust)), 0);
     }

@@ -25,6 +25,11 @@ pub fn edited_files(file: &Path, since_reload: bool) -> Vec<PathBuf> {
     edited_sources(&text_of(file), since_reload)
 }
 
+/// The waypoint file that was edited or removed after the daemon with the configuration in `file` had read it; `None` if none was.
+pub fn edited_waypoints(file: &Path) -> Option<PathBuf> {
+    oqtal_config::edited_waypoints(&text_of(file))
+}
+
 /// Whether the daemon with the configuration in `file` was started from a copy of an earlier configuration; false if it cannot be read.
 pub fn is_copy(file: &Path) -> bool {
     oqtal_config::is_copy(&text_of(file))

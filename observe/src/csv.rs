@@ -1,7 +1,7 @@
 //! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for an unknown value.
 //!
 //! `csv/columns.md` is the list of the columns and their dictionary, a part of `docs/data.md`; `csv/row.rs` makes the cells, in
-//! the same order; `csv/column.rs` collects them as columns.
+//! the same order; `csv/column.rs` has their types, and columns of them.
 
 mod column;
 mod row;
@@ -10,12 +10,11 @@ use std::io::Write;
 
 use crate::flight::Flight;
 
-use column::ColumnSink;
-pub use column::{ColumnValues, TelemetryColumn};
-use row::{CellSink, Row};
+pub use column::{ColumnValues, FieldCell};
+use row::Row;
 
 /// The columns as a table in Markdown: names, unit and frame, instant, meaning.
-const DICTIONARY: &str = include_str!("csv/columns.md");
+pub const DICTIONARY: &str = include_str!("csv/columns.md");
 
 /// Writes the ticks of `flight` to `out`; `t_s` counts from [`Flight::origin`].
 ///
@@ -24,53 +23,27 @@ const DICTIONARY: &str = include_str!("csv/columns.md");
 pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
     let mut writer = ::csv::Writer::from_writer(out);
     writer.write_record(names())?;
-    let mut cells = TextCells::default();
-    rows(flight).try_for_each(|row| {
-        cells.0.clear();
-        row.write(&mut cells);
-        writer.write_record(&cells.0)
-    })?;
+    for row in rows(flight) {
+        writer.write_record(row.cells().iter().map(FieldCell::to_string))?;
+    }
     writer.flush()?;
     Ok(())
 }
 
 /// The ticks of `flight` as columns, in the order and with the names of the file.
-pub fn columns(flight: &Flight) -> Vec<TelemetryColumn> {
-    let mut sink = ColumnSink::new(names());
-    rows(flight).for_each(|row| {
-        sink.begin_row();
-        row.write(&mut sink);
-    });
-    sink.into_columns()
+pub fn columns(flight: &Flight) -> Vec<(&'static str, ColumnValues)> {
+    let mut columns: Vec<_> = names().map(|name| (name, ColumnValues::EMPTY)).collect();
+    for row in rows(flight) {
+        let cells = columns.iter_mut().zip(row.cells());
+        cells.for_each(|((_, column), cell)| column.push(cell));
+    }
+    columns
 }
 
 /// The rows of the file, one for each tick.
 fn rows(flight: &Flight) -> impl Iterator<Item = Row<'_>> {
     let origin = flight.origin();
     flight.samples_with_commands().map(move |(sample, applied)| Row { sample, applied, origin })
-}
-
-/// Cells as text: numbers as the shortest decimals that reproduce them exactly.
-#[derive(Default)]
-struct TextCells(Vec<String>);
-
-impl CellSink for TextCells {
-    fn number(&mut self, value: f64) {
-        self.0.push(if value.is_nan() { String::new() } else { value.to_string() });
-    }
-
-    fn count(&mut self, value: u64) {
-        self.0.push(value.to_string());
-    }
-
-    fn word(&mut self, word: String) {
-        self.0.push(word);
-    }
-}
-
-/// The columns as a table in Markdown: names, unit and frame, instant, meaning.
-pub fn dictionary() -> &'static str {
-    DICTIONARY
 }
 
 /// Names of the columns, in order: the words in code marks in the first cell of each line of the table.
@@ -117,17 +90,17 @@ mod tests {
         let flight = fixture::square();
         let (names, rows) = read(&flight);
         let columns = columns(&flight);
-        assert_eq!(columns.iter().map(|column| column.name).collect::<Vec<_>>(), names);
-        for (index, TelemetryColumn { name, values }) in columns.iter().enumerate() {
-            let mut text = TextCells::default();
-            match values {
-                ColumnValues::Numbers(numbers) => numbers.iter().for_each(|n| text.number(*n)),
-                ColumnValues::Counts(counts) => counts.iter().for_each(|n| text.count(*n)),
+        assert_eq!(columns.iter().map(|(name, _)| *name).collect::<Vec<_>>(), names);
+        let number = |number: &f64| FieldCell::Number(*number).to_string();
+        for (index, (name, values)) in columns.into_iter().enumerate() {
+            let text: Vec<String> = match values {
+                ColumnValues::Numbers(numbers) => numbers.iter().map(number).collect(),
+                ColumnValues::Counts(counts) => counts.iter().map(u64::to_string).collect(),
                 ColumnValues::Signed(_) => panic!("{name} has spans of time"),
-                ColumnValues::Words(words) => text.0.clone_from(words),
-            }
+                ColumnValues::Words(words) => words,
+            };
             let cells = rows.iter().map(|row| row[index].clone());
-            assert_eq!(text.0, cells.collect::<Vec<_>>(), "{name}");
+            assert_eq!(text, cells.collect::<Vec<_>>(), "{name}");
         }
     }
 

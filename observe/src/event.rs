@@ -7,6 +7,7 @@ use oqtal_bus::code::{
 };
 use oqtal_bus::message::{EventV1, InputV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
 use serde::Serialize;
 
 use crate::flight::{Flight, FlightSample};
@@ -227,6 +228,17 @@ pub fn of_period(
     let begins = (from_s, format!("{what} begins"));
     let ends = until_s.is_finite().then(|| (until_s, format!("{what} ends")));
     std::iter::once(begins).chain(ends)
+}
+
+/// Beginnings and ends of the faults and disturbances of `config`: time after arming \[s\], `fault` or `disturbance`, and text.
+pub fn of_faults(config: &Config) -> impl Iterator<Item = (f64, &'static str, String)> {
+    let faults = config.fault.inject.iter();
+    let faults = faults.map(|it| ("fault", it.to_string(), (it.at_s, it.end_s())));
+    let loads = config.plant.disturb.iter();
+    let loads = loads.map(|it| ("disturbance", it.to_string(), (it.at_s, it.end_s())));
+    faults.chain(loads).flat_map(|(source, name, period)| {
+        of_period(&name, period).map(move |(at_s, text)| (at_s, source, text))
+    })
 }
 
 /// Event of an input of the daemon as text; `None` for an ordinary turn and for a request of the status.

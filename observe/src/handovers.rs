@@ -11,7 +11,7 @@ use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
 
 /// Hand-overs from a law to its fallback.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct HandoverFigures {
     /// Number \[-\].
     pub count: u64,
@@ -32,10 +32,7 @@ impl HandoverFigures {
         if !control.is_external() && control.fallback.is_none() {
             return None;
         }
-        let (causes, refused) = (BTreeMap::new(), None);
-        let mut figures =
-            Self { count: 0, causes, trajectory_ticks: 0, fallback_ticks: 0, refused };
-        let mut last = 0;
+        let (mut figures, mut last) = (Self::default(), 0);
         for FlightSample { telemetry, .. } in flight.armed() {
             let cause = HandoverCause::from_code(telemetry.handover_cause).unwrap_or_default();
             if telemetry.handovers > last {

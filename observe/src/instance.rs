@@ -2,7 +2,6 @@
 //! `oqtal monitor` and `oqtal view`.
 
 use std::collections::VecDeque;
-use std::path::PathBuf;
 
 use oqtal_bus::message::{HealthV1, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -60,7 +59,7 @@ impl InstanceModel {
             now,
             tick: None,
             vehicle: None,
-            figures: LoopMonitor::new(Time::UNSET),
+            figures: LoopMonitor::default(),
             max_error_m: 0.0,
             law_and_trajectory: None,
             events: VecDeque::new(),
@@ -164,8 +163,7 @@ impl InstanceModel {
                 let age_s = tick.body.pose_age_s + now.since(tick.received_at).seconds();
                 (tick.body.position, age_s)
             }),
-            awaits_stop: false,
-            daemon_config: PathBuf::new(),
+            ..InstanceStatus::default()
         }
     }
 
@@ -340,22 +338,6 @@ mod tests {
             told.contains("with one --config, bridge and receiver with their --link"),
             "{told}"
         );
-    }
-
-    #[test]
-    fn a_vehicle_that_follows_a_moving_reference_exactly_has_no_error() {
-        let tick = TelemetryV1 {
-            position: [0.97, 0.0, 1.0],
-            reference_position: [1.0, 0.0, 1.0],
-            reference_velocity: [2.0, 0.0, 0.0],
-            pose_age_s: 0.015,
-            mission_s: 5.0,
-            ..TelemetryV1::default()
-        };
-        let mut model = model(&[], Span::ZERO);
-        model.sample(&Reception::default(), Sample::Telemetry(&tick));
-        assert!(model.max_error_m < 1e-9, "{} m", model.max_error_m);
-        assert_eq!(tracking_error_m(&TelemetryV1 { mission_s: f64::NAN, ..tick }), None);
     }
 
     #[test]

@@ -36,7 +36,7 @@ impl fmt::Display for ThreadScheduling {
 
 impl ThreadScheduling {
     /// Reads the scheduling of the process `pid`; `None` if it does not exist.
-    pub fn of(pid: u64) -> Option<Self> {
+    pub fn of(pid: u32) -> Option<Self> {
         let tasks = fs::read_dir(format!("/proc/{pid}/task")).ok()?;
         let threads = tasks.flatten().filter_map(|task| {
             let read = |name| fs::read_to_string(task.path().join(name)).ok();
@@ -89,7 +89,7 @@ pub struct Footprint {
 
 impl Footprint {
     /// Reads the resources of the process `pid`; `None` if it does not exist or belongs to another user.
-    pub fn of(pid: u64) -> Option<Self> {
+    pub fn of(pid: u32) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
         let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
         Some(Self {
@@ -123,13 +123,13 @@ impl fmt::Display for ProcessUsage {
 
 impl ProcessUsage {
     /// Reads the process `pid` at the start; `None` if it does not exist.
-    pub fn of(pid: u64) -> Option<Self> {
+    pub fn of(pid: u32) -> Option<Self> {
         let start = Footprint::of(pid)?;
         Some(Self { realtime: ThreadScheduling::of(pid)?, start, end: start })
     }
 
     /// Reads the resources at the end; keeps the last ones if the process is gone.
-    pub fn update(&mut self, pid: u64) {
+    pub fn update(&mut self, pid: u32) {
         self.end = Footprint::of(pid).unwrap_or(self.end);
     }
 }
@@ -204,10 +204,10 @@ mod tests {
 
     #[test]
     fn scheduling_and_resources_of_this_process_are_read() {
-        let own = ThreadScheduling::of(u64::from(std::process::id())).unwrap();
+        let own = ThreadScheduling::of(std::process::id()).unwrap();
         assert_ne!(own.policy, "unknown");
-        assert_eq!(ThreadScheduling::of(u64::MAX), None);
-        let held = Footprint::of(u64::from(std::process::id())).unwrap();
+        assert_eq!(ThreadScheduling::of(u32::MAX), None);
+        let held = Footprint::of(std::process::id()).unwrap();
         assert!(held.resident_kib > 0 && held.open_files > 2, "{held:?}");
     }
 }

@@ -31,7 +31,7 @@ pub struct LoopCounters {
 }
 
 /// Collects latencies and counters of one instance.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct LoopMonitor {
     from: Time,
     first: Option<TelemetryV1>,
@@ -39,7 +39,7 @@ pub struct LoopMonitor {
     commands_lost_before: Option<u64>,
     counters: LoopCounters,
     armed: bool,
-    daemon_pid: Option<u64>,
+    daemon_pid: Option<u32>,
     hops: HopDistributions,
     wakeup_lateness: Distribution,
 }
@@ -51,17 +51,7 @@ impl LoopMonitor {
 
     /// Monitor that ignores samples from before `from`.
     pub fn new(from: Time) -> Self {
-        Self {
-            from,
-            first: None,
-            last: TelemetryV1::default(),
-            commands_lost_before: None,
-            counters: LoopCounters::default(),
-            armed: false,
-            daemon_pid: None,
-            hops: HopDistributions::default(),
-            wakeup_lateness: Distribution::default(),
-        }
+        Self { from, ..Self::default() }
     }
 
     /// Discards all figures and ignores samples from before `from`; the state of daemon and motors is kept.
@@ -75,7 +65,7 @@ impl LoopMonitor {
     }
 
     /// Process id of the daemon; `None` before its first tick was received.
-    pub fn daemon_pid(&self) -> Option<u64> {
+    pub fn daemon_pid(&self) -> Option<u32> {
         self.daemon_pid
     }
 
@@ -98,15 +88,13 @@ impl LoopMonitor {
     pub fn wakeup_lateness(&self) -> &Distribution {
         &self.wakeup_lateness
     }
-}
 
-impl LoopMonitor {
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         // A late joiner receives the last sample of the topic, which may be old.
         if telemetry.time < self.from {
             return;
         }
-        self.daemon_pid = Some(u64::from(reception.header.origin().process()));
+        self.daemon_pid = Some(reception.header.origin().process());
         let first = *self.first.get_or_insert(*telemetry);
         self.last = *telemetry;
         self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));

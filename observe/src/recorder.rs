@@ -31,7 +31,7 @@ pub struct Recorder {
     flight: Flight,
     end: FlightEnd,
     /// Process id of the daemon; `None` before its first tick.
-    daemon_pid: Option<u64>,
+    daemon_pid: Option<u32>,
     /// Source of the daemon's messages; `None` before its first tick.
     daemon_source: Option<u64>,
     /// Number of samples lost before the recorder received them, by topic.
@@ -106,7 +106,7 @@ impl Recorder {
     }
 
     /// Process id of the daemon; `None` before its first tick was received.
-    pub fn daemon_pid(&self) -> Option<u64> {
+    pub fn daemon_pid(&self) -> Option<u32> {
         self.daemon_pid
     }
 
@@ -211,7 +211,7 @@ impl Recorder {
             self.daemon_replaced();
         }
         let process = reception.header.origin().process();
-        self.daemon_pid = Some(u64::from(process));
+        self.daemon_pid = Some(process);
         if telemetry.is_armed() {
             self.flew.insert(process);
         }

@@ -50,7 +50,6 @@ mod truth;
 mod writer;
 
 pub use cdr::{decode, encode};
-pub use closing::ClosingFacts;
 pub use export::{ColumnExport, CsvExport, Tables, TumExport};
 pub use facts::{Facts, WAYPOINTS_FILE};
 pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError, is_recording};

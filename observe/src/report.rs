@@ -3,7 +3,7 @@
 mod events;
 mod latency;
 mod motion;
-mod path;
+pub(crate) mod path;
 mod replay;
 mod settings;
 pub(crate) mod timeline;

@@ -20,8 +20,9 @@ pub trait Sink {
     /// Receives a sample.
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>);
 
-    /// Receives the number of samples of `topic` that were overwritten before the observer polled \[-\].
-    fn lost(&mut self, topic: ObservedTopic, count: u64);
+    /// Receives the number of samples of `topic` that were overwritten before the observer polled \[-\]. Does nothing unless defined:
+    /// the samples of a recording contain losses as events, and as gaps in their numbers.
+    fn lost(&mut self, _topic: ObservedTopic, _count: u64) {}
 }
 
 /// Two sinks that both receive every sample, the first one first.

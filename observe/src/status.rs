@@ -38,9 +38,10 @@ impl InstanceStatus {
         (!self.processes.is_empty()).then(|| self.config_hashes().all(|hash| Some(hash) == first))
     }
 
-    /// Hash of the configuration with which all observed processes run; `None` if they differ, or none was observed.
-    pub fn common_config(&self) -> Option<&str> {
-        self.config_hashes().next().filter(|_| self.config_agrees() == Some(true))
+    /// Hash of the configuration with which the process of `role` runs; `None` if it was not observed, or has one of its own.
+    pub fn config_of(&self, role: Role) -> Option<&str> {
+        let process = self.processes.iter().find(|process| process.name == role.name())?;
+        process.report.as_ref()?.config_hash.as_deref()
     }
 
     fn config_hashes(&self) -> impl Iterator<Item = &str> {
@@ -124,7 +125,7 @@ pub struct ProcessHealth {
 /// Content of a health message.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct HealthReport {
-    pid: u64,
+    pid: u32,
     age_ms: f64,
     /// `None` for an emulated vehicle behind a radio, which has a separate configuration.
     config_hash: Option<String>,
@@ -296,7 +297,7 @@ impl HealthReport {
             unlogged: health.unlogged,
         });
         Self {
-            pid: u64::from(process.pid()),
+            pid: process.pid(),
             age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
             config_hash: health.compared_config().map(|hash| format!("{hash:016x}")),
             daemon,

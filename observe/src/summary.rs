@@ -338,22 +338,14 @@ fn duration_s(flight: &Flight) -> f64 {
     flight.flights().map(seconds).fold(0.0, |a, b| a + b)
 }
 
+/// Figures of an error over the scored window; `None` if it is empty.
 fn scored_figures(
     flight: &Flight,
     error: fn(&FlightSample) -> Vector3<f64>,
 ) -> Option<ErrorFigures> {
-    error_figures(flight.scored().map(error))
-}
-
-/// Rotation from the commanded to the true attitude \[deg, commanded body axes\].
-fn attitude_error_deg(sample: &FlightSample) -> Vector3<f64> {
-    sample.attitude_error().map(f64::to_degrees)
-}
-
-fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigures> {
     let mut magnitude = Statistics::default();
     let mut squares = Vector3::zeros();
-    for error in errors {
+    for error in flight.scored().map(error) {
         magnitude.add(error.norm());
         squares += error.component_mul(&error);
     }
@@ -363,6 +355,11 @@ fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigu
         max: magnitude.max(),
         rms_by_axis: squares.map(|sum| (sum / magnitude.count() as f64).sqrt()).into(),
     })
+}
+
+/// Rotation from the commanded to the true attitude \[deg, commanded body axes\].
+fn attitude_error_deg(sample: &FlightSample) -> Vector3<f64> {
+    sample.attitude_error().map(f64::to_degrees)
 }
 
 /// Effort of Table II: the integral of the norm of the input; `None` for a vehicle whose input is an attitude.

@@ -157,14 +157,13 @@ fn wire(wire: &WireFigures) -> String {
 
 fn counts(summary: &Summary) -> String {
     let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
-    let faults: Vec<&str> = summary.faults.iter().map(|fault| fault.fault.as_str()).collect();
+    let faults: Vec<String> = summary.faults.iter().map(|fault| fault.fault.clone()).collect();
     let loads = summary.disturbances.iter();
     let loads = loads.map(|load| match load.is_scored {
         true => load.disturbance.clone(),
         false => format!("{} (outside the scored time)", load.disturbance),
     });
     let loads: Vec<String> = loads.collect();
-    let loads: Vec<&str> = loads.iter().map(String::as_str).collect();
     let answers = summary.answers.map(|it| format!("\nanswers: {it}"));
     let handovers = summary.handovers.as_ref().map(|it| format!("\nhand-overs: {it}"));
     let faults = answers.unwrap_or_default()
@@ -189,7 +188,7 @@ fn counts(summary: &Summary) -> String {
 }
 
 /// One line for each of `names`, below `title`; empty without names.
-fn listed(title: &str, names: &[&str]) -> String {
+fn listed(title: &str, names: &[String]) -> String {
     let indent = format!("\n{}", " ".repeat(title.len()));
     if names.is_empty() { String::new() } else { format!("\n{title}{}", names.join(&indent)) }
 }

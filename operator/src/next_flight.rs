@@ -10,7 +10,7 @@ use oqtal_observe::config_file;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::reach::Reached;
-use crate::request::{as_owner, config_of, edited_note, start_daemon, start_without};
+use crate::request::{as_owner, edited_note, start_beside, start_daemon, start_without};
 use crate::running::RunningProcesses;
 
 /// The next flight of each instance that a stop has reached.
@@ -41,8 +41,8 @@ struct NextFlight {
     has_bridge: bool,
     /// Whether the daemon runs without a process of its vehicle.
     lacks_vehicle: bool,
-    /// Step at the vehicle itself, before the command.
-    vehicle_step: Option<&'static str>,
+    /// Step before the command, at the vehicle itself or at processes with different configurations.
+    first_step: Option<&'static str>,
     /// Note of files of the configuration that were edited since; `None` if the command reads them again.
     edited: Option<String>,
 }
@@ -87,11 +87,11 @@ impl NextFlights {
         for flight in self.0.iter_mut().filter(|it| it.paths == *paths) {
             flight.has_bridge |= is_at_wire;
         }
-        let Some(process) = running.of_other_config(paths) else { return };
+        let Some(other) = running.of_other_config(paths) else { return };
         let has_start = |it: &&mut NextFlight| it.start.is_some() && it.paths == *paths;
         for flight in self.0.iter_mut().filter(has_start) {
             (flight.start, flight.edited) = (None, None);
-            flight.other_config = Some(format!("start a daemon {}", config_of(process)));
+            flight.other_config = Some(start_beside(other, paths));
         }
     }
 
@@ -113,7 +113,7 @@ impl NextFlights {
             flight.hanging = daemon.map(|daemon| daemon.pid);
             flight.disobedient = vehicle.map(|vehicle| vehicle.pid);
             if let Some(response) = response {
-                flight.note_vehicle(ArmingObstacles::from_bits(response.obstacles));
+                flight.note_obstacles(ArmingObstacles::from_bits(response.obstacles));
             }
         }
     }
@@ -156,19 +156,21 @@ impl NextFlight {
             hanging: None,
             disobedient: None,
             lacks_vehicle,
-            vehicle_step: None,
+            first_step: None,
             edited,
         }
     }
 
-    /// Notes the step that the vehicle needs by the `obstacles` to a take-off.
-    fn note_vehicle(&mut self, obstacles: ArmingObstacles) {
+    /// Notes the step that the `obstacles` to a take-off require.
+    fn note_obstacles(&mut self, obstacles: ArmingObstacles) {
         // Without a process that obeys, the vehicle may answer as soon as there is one.
         let has_process = !self.lacks_vehicle && self.disobedient.is_none();
-        self.vehicle_step = if obstacles.contains(ArmingObstacle::Locked) {
+        self.first_step = if obstacles.contains(ArmingObstacle::Locked) {
             Some("restart the vehicle, which is locked")
         } else if obstacles.contains(ArmingObstacle::VehicleSilent) && has_process {
             Some("switch the vehicle on or bring it into range (it does not answer)")
+        } else if obstacles.contains(ArmingObstacle::Configuration) {
+            Some("restart the processes with one --config: their configurations differ")
         } else {
             None
         };
@@ -211,12 +213,12 @@ impl NextFlight {
                 "start the process of the vehicle, `{user}oqtal plant-sim run {place}` or `{user}oqtal bridge run {place}`, with the daemon's --config, then "
             )?;
         }
-        self.vehicle_step.iter().try_for_each(|step| write!(f, "{step}, then "))
+        self.first_step.iter().try_for_each(|step| write!(f, "{step}, then "))
     }
 
     /// Whether the flight needs no step besides `start` and `command`.
     fn is_ready(&self) -> bool {
-        let is_whole = !(self.is_lost || self.lacks_vehicle) && self.vehicle_step.is_none();
+        let is_whole = !(self.is_lost || self.lacks_vehicle) && self.first_step.is_none();
         let all_obey = self.hanging.is_none() && self.disobedient.is_none();
         is_whole && all_obey && self.other_config.is_none()
     }
@@ -275,7 +277,7 @@ mod tests {
         let paths = InstancePaths::new("a", Some(root.path())).unwrap();
         let told = |obstacle| {
             let mut flight = NextFlight::of(&[], paths.clone());
-            flight.note_vehicle(ArmingObstacles::default().with(obstacle, true));
+            flight.note_obstacles(ArmingObstacles::default().with(obstacle, true));
             flight.to_string()
         };
         let text = told(ArmingObstacle::VehicleSilent);
@@ -290,14 +292,19 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_does_not_answer_its_bridge_comes_before_the_command() {
+    fn a_vehicle_that_does_not_answer_and_different_configurations_come_before_the_command() {
         let root = tempfile::tempdir().unwrap();
         let paths = InstancePaths::new("a", Some(root.path())).unwrap();
         let mut flight = NextFlight { lacks_vehicle: false, ..NextFlight::of(&[], paths) };
         assert!(flight.is_ready());
-        flight.note_vehicle(ArmingObstacles::default().with(ArmingObstacle::VehicleSilent, true));
-        let text = flight.to_string();
-        assert!(text.contains("switch the vehicle on") && !flight.is_ready(), "{text}");
+        for (obstacle, step) in [
+            (ArmingObstacle::VehicleSilent, "switch the vehicle on"),
+            (ArmingObstacle::Configuration, "restart the processes with one --config"),
+        ] {
+            flight.note_obstacles(ArmingObstacles::default().with(obstacle, true));
+            let text = flight.to_string();
+            assert!(text.contains(step) && !flight.is_ready(), "{text}");
+        }
     }
 
     #[test]

@@ -17,7 +17,7 @@ use oqtal_runtime::process::{Exit, Failure};
 
 use crate::reach::{name_of, place_of, root_of};
 use crate::report::listed;
-use crate::running::RunningProcesses;
+use crate::running::{OtherConfig, RunningProcesses};
 
 /// Time within which a running daemon answers.
 pub const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
@@ -181,8 +181,22 @@ pub fn edited_note(paths: &InstancePaths) -> Option<String> {
             reloads.join(" and ")
         )
     });
-    let notes: Vec<_> = edited.into_iter().chain(removed).collect();
+    let notes: Vec<_> = edited.into_iter().chain(removed).chain(waypoints_note(paths)).collect();
     (!notes.is_empty()).then(|| notes.join("; "))
+}
+
+/// Note on the waypoint file of the daemon at `paths`, if it was edited or removed after the daemon had read it.
+pub fn waypoints_note(paths: &InstancePaths) -> Option<String> {
+    let file = config_file::edited_waypoints(&paths.config())?;
+    let name = file.display().to_string();
+    Some(match file.exists() {
+        true => format!(
+            "{name}: edited since the daemon read it; `oqtal ctl set trajectory.waypoints-file={} {}` reads it again",
+            quoted(&name),
+            paths.flags()
+        ),
+        false => format!("{name}: removed; the daemon keeps the waypoints that it has read"),
+    })
 }
 
 /// Note on a daemon started with the copy at `paths`: what it lacks; `None` if no file was edited or removed after the start of the
@@ -210,8 +224,8 @@ pub(crate) fn start_without(paths: &InstancePaths) -> Option<String> {
 
 /// Remedy of a missing daemon at `paths`, where the processes `seen` run.
 fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
-    if let Some(process) = seen.of_other_config(paths) {
-        return format!("start one {}", config_of(process));
+    if let Some(other) = seen.of_other_config(paths) {
+        return start_beside(other, paths);
     }
     if let Some(command) = config_file::flight_of(&paths.config()) {
         return format!(
@@ -229,11 +243,19 @@ fn daemon_remedy(paths: &InstancePaths, seen: &RunningProcesses) -> String {
     format!("start one with `{}`{like}{}", start_daemon(paths), edited.unwrap_or_default())
 }
 
-/// Configuration of a daemon beside `process`, which runs with another one than the daemon before.
-pub(crate) fn config_of(process: &str) -> String {
-    format!(
-        "with the --config and --set of {process}: config.toml of the instance has other settings, of another daemon or by an edit"
-    )
+/// Start of a daemon at `paths` beside a process with another configuration than the last one, in words.
+pub(crate) fn start_beside(other: OtherConfig<'_>, paths: &InstancePaths) -> String {
+    let OtherConfig { process, is_common } = other;
+    match is_common {
+        true => format!(
+            "start a daemon with the --config and --set of {process}: config.toml of the instance has other settings, of another daemon or by \
+             an edit"
+        ),
+        false => format!(
+            "restart {process} with the --config and --set of the other processes, and start a daemon with `{}`",
+            start_daemon(paths)
+        ),
+    }
 }
 
 /// Failure of a command to the instance at `paths`, whose `processes` run under other roots; `nobody` states that none does here.

@@ -22,10 +22,19 @@ const TIMEOUT: Span = Span::from_millis(2000);
 pub(crate) struct RunningProcesses {
     /// Name and id of each, as in "`oqtal mocap-emu` (123)".
     names: Vec<(Role, String)>,
-    /// Hash of their configuration; `None` if it is unknown, or if they differ.
-    config: Option<String>,
+    /// Hashes of the configurations of those that are known, in the same order.
+    configs: Vec<(Role, String)>,
     /// State of the vehicle; `None` if it was not published.
     pub(crate) vehicle: Option<VehicleStatus>,
+}
+
+/// A running process with another configuration than the last daemon.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OtherConfig<'a> {
+    /// Name and id.
+    pub(crate) process: &'a str,
+    /// Whether all processes have its configuration.
+    pub(crate) is_common: bool,
 }
 
 /// Observation of running processes on a separate thread, which may be abandoned: receives their names first, then also the
@@ -62,8 +71,11 @@ impl RunningProcesses {
                 let _ = sender.send(found.clone());
                 if !found.names.is_empty() {
                     let status = status::observe(&bus)?;
-                    let config = status.common_config().map(str::to_owned);
-                    let _ = sender.send(Self { config, vehicle: status.vehicle, ..found });
+                    let config = |(role, _): &(Role, String)| {
+                        status.config_of(*role).map(|hash| (*role, hash.to_owned()))
+                    };
+                    let configs = found.names.iter().filter_map(config).collect();
+                    let _ = sender.send(Self { configs, vehicle: status.vehicle, ..found });
                 }
                 Ok(())
             };
@@ -89,10 +101,13 @@ impl RunningProcesses {
         self.names.iter().any(|(role, _)| *role == Role::Plant)
     }
 
-    /// Process whose configuration a daemon needs, if that in `config.toml` of the instance at `paths`, of the last daemon, is another.
-    pub(crate) fn of_other_config(&self, paths: &InstancePaths) -> Option<&str> {
-        let is_same = *self.config.as_ref()? == hash_of_file(&paths.config())?;
-        self.names.first().filter(|_| !is_same).map(|(_, name)| name.as_str())
+    /// A process with another configuration than that in `config.toml` of the instance at `paths`, of the last daemon.
+    pub(crate) fn of_other_config(&self, paths: &InstancePaths) -> Option<OtherConfig<'_>> {
+        let last = hash_of_file(&paths.config())?;
+        let (role, other) = self.configs.iter().find(|(_, hash)| *hash != last)?;
+        let (_, process) = self.names.iter().find(|(named, _)| named == role)?;
+        let is_common = self.configs.iter().all(|(_, hash)| hash == other);
+        Some(OtherConfig { process, is_common })
     }
 }
 
@@ -117,5 +132,27 @@ mod tests {
         assert_eq!(hangs.newest(Time::now()).listed().as_deref(), Some("b"));
         assert_eq!(hangs.newest(Time::now()).listed(), None);
         drop(sender);
+    }
+
+    #[test]
+    fn a_process_with_another_configuration_than_the_last_daemon_is_found_also_beside_one_with_the_same()
+     {
+        let root = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("a", Some(root.path())).unwrap();
+        std::fs::create_dir_all(paths.directory()).unwrap();
+        std::fs::write(paths.config(), "[vehicle]\nmass-kg = 0.52\n").unwrap();
+        let last = hash_of_file(&paths.config()).unwrap();
+        let other = |plant: &str, mocap: &str| {
+            let both = [Role::Plant, Role::Mocap];
+            let running = RunningProcesses {
+                names: both.map(|role| (role, role.name().to_owned())).to_vec(),
+                configs: both.into_iter().zip([plant.to_owned(), mocap.to_owned()]).collect(),
+                vehicle: None,
+            };
+            running.of_other_config(&paths).map(|it| (it.process.to_owned(), it.is_common))
+        };
+        assert_eq!(other(&last, &last), None);
+        assert_eq!(other("x", "x"), Some(("plant-sim".to_owned(), true)));
+        assert_eq!(other(&last, "x"), Some(("mocap-emu".to_owned(), false)));
     }
 }

@@ -61,19 +61,19 @@ impl PyFlight {
     fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let columns = py.detach(|| csv::columns(&self.flight));
         let arrays = PyDict::new(py);
-        for column in columns {
-            match column.values {
+        for (name, values) in columns {
+            match values {
                 ColumnValues::Numbers(numbers) => {
-                    arrays.set_item(column.name, PyArray1::from_vec(py, numbers))?;
+                    arrays.set_item(name, PyArray1::from_vec(py, numbers))?;
                 }
                 ColumnValues::Counts(counts) => {
                     let counts = counts.into_iter().map(u64::cast_signed).collect();
-                    arrays.set_item(column.name, PyArray1::from_vec(py, counts))?;
+                    arrays.set_item(name, PyArray1::from_vec(py, counts))?;
                 }
                 ColumnValues::Signed(numbers) => {
-                    arrays.set_item(column.name, PyArray1::from_vec(py, numbers))?;
+                    arrays.set_item(name, PyArray1::from_vec(py, numbers))?;
                 }
-                ColumnValues::Words(words) => arrays.set_item(column.name, words)?,
+                ColumnValues::Words(words) => arrays.set_item(name, words)?,
             }
         }
         Ok(arrays)

@@ -9,9 +9,10 @@ use std::time::Duration;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
+use oqtal_observe::csv::FieldCell;
 use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::observer::BusObserver;
-use oqtal_observe::recording::cell::{self, FieldCell};
+use oqtal_observe::recording::cell;
 use oqtal_observe::sink::{Reception, Sink};
 use oqtal_operator::request::running_bus;
 use oqtal_runtime::health::SILENCE;
@@ -96,7 +97,7 @@ impl Rows {
     /// Rows of the messages of `topic`.
     fn of_topic(topic: ObservedTopic) -> Self {
         Self {
-            names: cell::names_of(topic),
+            names: cell::names(topic.fields()),
             topics: vec![topic],
             new: Vec::new(),
             lost: 0,

@@ -14,7 +14,7 @@ use oqtal_lab::identify::identification::{Identification, Scale, identify as ide
 use oqtal_lab::identify::{excitation_flight, overview, vehicle_toml};
 use oqtal_lab::progress::Progress;
 use oqtal_lab::robustness;
-use oqtal_lab::robustness::draws::{Draw, MOST_DRAWS, TUNING_SEED};
+use oqtal_lab::robustness::draws::MOST_DRAWS;
 use oqtal_lab::robustness::spread::PlantSpread;
 use oqtal_lab::study::args::{receive_notes, say_notes, words_of};
 use oqtal_lab::study::flights::{NOMINAL, Test};
@@ -24,7 +24,7 @@ use oqtal_lab::study::metric::METRIC;
 use oqtal_lab::study::{Case, FlightCondition, Flown, Run, Study};
 use oqtal_lab::tune::optimiser::Optimiser;
 use oqtal_lab::tune::search::{Budget, TrainingFlights, Tuned};
-use oqtal_lab::tune::{options_of, space, tune as tuned};
+use oqtal_lab::tune::{options_of, space, training as flights_of, tune as tuned};
 use oqtal_observe::flight::Flight;
 use oqtal_runtime::process::{Exit, Failure};
 use pyo3::exceptions::PyUserWarning;
@@ -290,8 +290,7 @@ fn tune<'py>(
     };
     let (flights, found): (TrainingFlights, Tuned) =
         task::study(py, progress.as_ref(), threads, work)?;
-    let own = |setting: &&Setting| !setting.origin.starts_with("OQTAL_");
-    let toml = found.to_toml(&flights.settings.iter().filter(own).collect::<Vec<_>>(), "");
+    let toml = found.to_toml(&flights.settings, "");
     let on_a_bound = found.on_a_bound().into_iter().map(|range| range.key.into_owned()).collect();
     Ok((found.values, on_a_bound, found.objective, found.start, toml))
 }
@@ -305,13 +304,7 @@ fn training(
     let settings = sources.settings()?;
     Config::from_settings(&settings)?;
     let options = options_of(&seeds, spread) + &words_of(&settings);
-    let Some(spread) = spread else {
-        return Ok(TrainingFlights { options, ..TrainingFlights::near(settings, seeds) });
-    };
-    let spread = PlantSpread::named(spread)?;
-    say_notes(spread.note(&settings)?);
-    let draws = Draw::several(&spread, &settings, (TUNING_SEED, seeds))?;
-    Ok(TrainingFlights { options, ..TrainingFlights::over(settings, &draws) })
+    Ok(TrainingFlights { options, ..flights_of(settings, seeds, spread)? })
 }
 
 /// Registers the functions.

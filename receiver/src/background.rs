@@ -49,9 +49,7 @@ impl Connector {
         let search = Reopener::new(GOOD_TIME);
         Self { handle, link: Arc::new(link), names, health, search }
     }
-}
 
-impl Connector {
     /// Reads definitions and sends them back.
     fn read(&self, mut definitions: Box<BodyDefinitions>) {
         if !definitions.is_unread() {

@@ -7,7 +7,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_wire::natnet::NatNetClient;
+use oqtal_wire::natnet::{COMMAND_PORT, NatNetClient};
 use oqtal_wire::qtm::{DISCOVERY_PORT, DiscoveryReply, DiscoveryRequest};
 use serde::Serialize;
 
@@ -16,8 +16,6 @@ use oqtal_wire::link::{CameraLink, InvalidLink};
 
 /// Protocols that are tried on every host.
 const PROTOCOLS: [&str; 3] = ["qtm", "vrpn", "natnet"];
-/// Port of NatNet's commands \[-\].
-const NATNET_PORT: u16 = 1510;
 /// Period of polling the socket.
 const POLL_PERIOD: Span = Span::from_millis(20);
 /// Maximum number of servers whose answers to a broadcast are kept; each is queried on its own thread \[-\].
@@ -144,7 +142,7 @@ fn broadcast(duration: Span) -> io::Result<BTreeSet<(String, IpAddr)>> {
     for address in broadcast_addresses(&routes) {
         // Send errors are ignored: a machine without a network finds no servers.
         let _ = socket.send_to(&request, (address, DISCOVERY_PORT));
-        let _ = socket.send_to(ping, (address, NATNET_PORT));
+        let _ = socket.send_to(ping, (address, COMMAND_PORT));
     }
     let mut found = BTreeSet::new();
     let end = Time::now() + duration;
@@ -177,7 +175,7 @@ fn broadcast_addresses(routes: &str) -> BTreeSet<Ipv4Addr> {
 
 /// Link of the server that sent this answer.
 fn answer(datagram: &[u8], from: SocketAddr) -> Option<String> {
-    if from.port() == NATNET_PORT {
+    if from.port() == COMMAND_PORT {
         return Some(format!("natnet:{}", from.ip()));
     }
     let reply = DiscoveryReply::parse(datagram)?;

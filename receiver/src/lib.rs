@@ -47,17 +47,9 @@ mod turn;
 mod vrpn;
 mod watch;
 
-pub use attempt::{CameraConnection, ConnectError};
+pub use attempt::ConnectError;
 pub use command::{ReceiverArgs, ReceiverCommand};
-pub use connect::{connect, connect_to_all};
-pub use definitions::BodyDefinitions;
-pub use discover::{FoundServer, discover};
-pub use probe::{
-    BodyFigures, ClockFigures, FitnessVerdict, IntervalFigures, NoiseFigures, ProbeFigures,
-    ProbeFinding, Severity, probe,
-};
-pub use process::{ReceiverParts, check, link as configured_link, open, run};
+pub use connect::connect_to_all;
+pub use process::{ReceiverParts, check, open, run};
 pub use receiver::PoseReceiver;
-pub use routes::CameraBody;
 pub use stream::{CameraStream, FrameSink, MeasuredBody};
-pub use transform::PoseTransform;

@@ -18,8 +18,8 @@ use crate::routes::CameraBody;
 use listener::ProbeListener;
 use oqtal_wire::link::{CameraLink, CameraProtocol};
 
-pub use figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures};
-pub use finding::{FitnessVerdict, ProbeFinding, Severity};
+pub use figures::ProbeFigures;
+pub use finding::{FitnessVerdict, ProbeFinding};
 
 /// Longest wait for a frame, after which the end is checked \[ns\].
 const WAIT_NS: i64 = 20_000_000;

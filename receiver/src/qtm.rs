@@ -7,8 +7,8 @@ use std::os::fd::AsFd;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::ByteOrder;
 use oqtal_wire::qtm::{
-    ComponentKind, ComponentSet, DataPacket, QtmClient, QtmClientError, QtmClientEvent,
-    QtmClientOptions, QtmEvent, QtmPacket, QtmVersion, StreamRate, StreamRequest, StreamTarget,
+    BIG_ENDIAN_PORT, DataPacket, QtmClient, QtmClientError, QtmClientEvent, QtmClientOptions,
+    QtmEvent, QtmPacket, QtmVersion, StreamTarget,
 };
 use oqtal_wire::text::printable;
 
@@ -16,12 +16,10 @@ use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::definitions::{BodyDefinitions, DefinitionFormat, DefinitionSlot, read};
 use crate::gate::FrameStamp;
 use crate::routes::{CameraBody, RefusedBody, RouteTable};
-use crate::socket::{lost, read_some, receive_some, write_all};
+use crate::socket::{lost, read_some, receive_some};
 use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
-use oqtal_wire::link::{CameraProtocol, QTM_VERSIONS};
+use oqtal_wire::link::CameraProtocol;
 
-/// Port of the server whose packets are big endian.
-const BIG_ENDIAN_PORT: u16 = 22224;
 /// Size of the read buffer \[bytes\]: the longest datagram.
 const BUFFER: usize = 65_536;
 /// Time between two requests for parameters while they and the frames differ in the number of bodies.
@@ -92,16 +90,9 @@ impl QtmConnection {
         } else {
             ByteOrder::Little
         };
-        let options = QtmClientOptions {
-            order,
-            newest: QtmVersion::new(1, minor),
-            oldest: QtmVersion::new(1, QTM_VERSIONS[0]),
-            stream: StreamRequest {
-                rate: StreamRate::AllFrames,
-                target,
-                components: ComponentSet::new().with(ComponentKind::BodiesResidual),
-            },
-        };
+        let mut options = QtmClientOptions { order, ..QtmClientOptions::default() };
+        options.newest = QtmVersion::new(1, minor);
+        options.stream.target = target;
         let client = QtmClient::new(options);
         let routes = attempt.routes();
         let definitions = DefinitionSlot::new(DefinitionFormat::Qtm, &routes);
@@ -239,7 +230,8 @@ impl CameraStream for QtmConnection {
             agreement.requested_at = now;
             client.request_parameters();
         }
-        client.flush(|output| write_all(control, output))
+        // An error, too, if the connection takes nothing: a server that reads no requests is of no use.
+        client.flush(|output| control.write_all(output))
     }
 
     fn take_definitions(&mut self) -> Option<Box<BodyDefinitions>> {

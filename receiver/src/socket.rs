@@ -1,7 +1,7 @@
-//! Reads and writes of sockets that do not block.
+//! Reads of sockets that do not block.
 
 use std::fmt::Display;
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Read};
 use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, UdpSocket};
 
 use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
@@ -53,14 +53,6 @@ pub fn bind_group(group: Ipv4Addr, port: u16, interface: Ipv4Addr) -> io::Result
     let socket = UdpSocket::from(socket);
     socket.join_multicast_v4(&group, &interface)?;
     Ok(socket)
-}
-
-/// Writes all of a short request.
-///
-/// # Errors
-/// The connection is lost, or takes nothing: a server that reads no requests is of no use.
-pub fn write_all(stream: &mut impl Write, bytes: &[u8]) -> io::Result<()> {
-    stream.write_all(bytes)
 }
 
 /// The error of a connection that ended for this reason.

@@ -21,7 +21,7 @@ use crate::receiver::PoseReceiver;
 use crate::stream::CameraStream;
 use crate::watch::ReceiverWatch;
 
-/// Period of the checks for keep-alive messages and silence.
+/// Period of the checks for keep-alive messages and silence, and of the looks at bodies and clock.
 const UPKEEP_PERIOD: Span = Span::from_millis(100);
 
 /// The sockets that wake the receiver.

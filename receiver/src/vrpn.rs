@@ -11,7 +11,7 @@ use oqtal_wire::vrpn::{TrackerPose, VrpnClient, VrpnEvent, VrpnVersion};
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::gate::FrameStamp;
 use crate::routes::{CameraBody, RefusedBody, RouteTable};
-use crate::socket::{lost, read_some, write_all};
+use crate::socket::{lost, read_some};
 use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
 
 /// Size of the read buffer \[bytes\].
@@ -177,7 +177,8 @@ impl CameraStream for VrpnConnection {
             }
         }
         let Self { client, socket, .. } = self;
-        client.flush(|output| write_all(socket, output))
+        // An error, too, if the connection takes nothing: a server that reads no requests is of no use.
+        client.flush(|output| socket.write_all(output))
     }
 
     fn has(&self, route: usize) -> bool {

@@ -8,8 +8,6 @@ use crate::gate::FrameCounts;
 use crate::note::{ClockEvent, ReceiverNote};
 use crate::receiver::PoseReceiver;
 
-/// Time between two looks at the bodies and the clock.
-const LOOK_PERIOD: Span = Span::from_millis(100);
 /// Time between two notes of troubled frames.
 const TROUBLE_PERIOD: Span = Span::from_millis(5000);
 /// Time without a frame after which a body is lost, where lost bodies have no frames.
@@ -31,7 +29,6 @@ struct ClockWatch {
 /// The state at the last look.
 #[derive(Clone, Debug)]
 pub struct ReceiverWatch {
-    next_look: Time,
     next_trouble: Time,
     receiving: bool,
     /// Of each gate.
@@ -48,7 +45,6 @@ impl ReceiverWatch {
     /// Watch of this number of bodies, before the first frame.
     pub fn new(bodies: usize) -> Self {
         Self {
-            next_look: Time::UNSET,
             next_trouble: Time::UNSET,
             receiving: false,
             clocks: vec![ClockWatch::default(); bodies.max(1)],
@@ -67,10 +63,6 @@ impl ReceiverWatch {
         has: &dyn Fn(usize) -> bool,
         note: &mut dyn FnMut(ReceiverNote),
     ) {
-        if now < self.next_look {
-            return;
-        }
-        self.next_look = now + LOOK_PERIOD;
         let fresh = |at: Time| at.is_set() && now.since(at) < BODY_SILENCE;
         if fresh(receiver.arrived_at()) && !self.receiving {
             self.receiving = true;
@@ -97,10 +89,10 @@ impl ReceiverWatch {
                 note(if seen { found } else { lost });
             }
             let there = has(route);
-            if !there && std::mem::replace(&mut self.there[route], there) {
+            let was_there = std::mem::replace(&mut self.there[route], there);
+            if was_there && !there {
                 note(ReceiverNote::BodyMissing { route });
             }
-            self.there[route] = there;
         }
         self.look_at_frames(now, (receiver, gates), note);
     }

@@ -96,20 +96,17 @@ impl MonitorModel {
 
 impl Sink for MonitorModel {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
-        if let Sample::Telemetry(telemetry) = sample {
-            self.forget_answer(reception, telemetry);
-        }
-        let Trends { error, thrust, latency } = &mut self.trends;
         match sample {
             Sample::Telemetry(telemetry) => {
-                thrust.add(telemetry.thrust * 100.0);
-                error.add(tracking_error_m(telemetry).unwrap_or(f64::NAN));
+                self.forget_answer(reception, telemetry);
+                self.trends.thrust.add(telemetry.thrust * 100.0);
+                self.trends.error.add(tracking_error_m(telemetry).unwrap_or(f64::NAN));
             }
             Sample::Vehicle(vehicle) => {
                 let stamps = &reception.header.stamps;
                 if hops(stamps).is_some() {
                     let whole = sensor_to_actuator(stamps, OnwardTime::of(vehicle));
-                    latency.add(whole.seconds() * 1e3);
+                    self.trends.latency.add(whole.seconds() * 1e3);
                 }
             }
             _ => {}

@@ -200,8 +200,8 @@ fn obstacles_to_a_take_off_are_shown() {
 #[test]
 fn long_reasons_are_shown_whole() {
     let mut model = in_flight();
-    let all = ArmingObstacle::ALL.iter();
-    let obstacles = all.fold(ArmingObstacles::default(), |all, it| all.with(*it, true));
+    let all = ArmingObstacle::all();
+    let obstacles = all.fold(ArmingObstacles::default(), |all, it| all.with(it, true));
     let (mode, mission_s) = (Mode::Disarmed.code(), f64::NAN);
     let bits = obstacles.bits();
     let tick = TelemetryV1 { obstacles: bits, mode, mission_s, ..flying(model.instance.now) };

@@ -169,7 +169,7 @@ fn serve_natnet(socket: &UdpSocket) {
             // Sent again, as the answer to a repeated request.
             datagrams.extend(info.clone());
             let mut definitions = Vec::new();
-            let models = ModelDefinitions { bodies: bodies(names), incomplete: false };
+            let models = ModelDefinitions { bodies: bodies(names) };
             models.write(version, &mut definitions);
             datagrams.push(definitions);
         }

@@ -48,14 +48,14 @@ impl Access {
         if !self.is_own_name(host) {
             let text =
                 "this server is reached by its IP address or as localhost, and by no other name";
-            return Err(Response::error(403, text));
+            return Err(Response::text(403, text));
         }
         let origin = request.header("origin");
         let is_same = origin.is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
         if is_same && is_same_site(request) {
             return Ok(());
         }
-        Err(Response::error(403, "requests of other sites are refused"))
+        Err(Response::text(403, "requests of other sites are refused"))
     }
 
     /// Whether a `Host` header names this server by an address. Any port is accepted, for tunnels.
@@ -77,10 +77,7 @@ impl Access {
     /// # Errors
     /// Refusal of the request.
     pub fn may_read(&self, request: &Request) -> Result<(), Response> {
-        if !self.guards_reading || self.has_token(request) {
-            return Ok(());
-        }
-        Err(Response::error(401, "the token that `oqtal view` printed is needed"))
+        if self.guards_reading { self.demand_token(request) } else { Ok(()) }
     }
 
     /// Refuses a command without the token, or if commands are not accepted.
@@ -89,12 +86,14 @@ impl Access {
     /// Refusal of the request.
     pub fn may_control(&self, request: &Request) -> Result<(), Response> {
         if !self.has_control {
-            return Err(Response::error(403, "read-only: start `oqtal view` with --control"));
+            return Err(Response::text(403, "read-only: start `oqtal view` with --control"));
         }
-        if self.has_token(request) {
-            return Ok(());
-        }
-        Err(Response::error(401, "the token that `oqtal view` printed is needed"))
+        self.demand_token(request)
+    }
+
+    fn demand_token(&self, request: &Request) -> Result<(), Response> {
+        let refusal = || Response::text(401, "the token that `oqtal view` printed is needed");
+        self.has_token(request).then_some(()).ok_or_else(refusal)
     }
 
     /// Whether `request` has the token.

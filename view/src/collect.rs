@@ -94,16 +94,12 @@ pub struct Collector {
 impl Collector {
     /// Collector for an instance that runs with `config`.
     pub fn new(config: &Config) -> Self {
-        let faults = config.fault.inject.iter().flat_map(|fault| {
-            event::of_period(&format!("fault {fault}"), (fault.at_s, fault.end_s()))
-        });
-        let loads = config.plant.disturb.iter().flat_map(|load| {
-            event::of_period(&format!("disturbance {load}"), (load.at_s, load.end_s()))
-        });
+        let faults = event::of_faults(config);
+        let faults = faults.map(|(at_s, source, text)| (at_s, format!("{source} {text}")));
         Self {
             interface: config.vehicle.interface,
             has_truth: !config.is_replay() && !config.plant.shadow,
-            faults: faults.chain(loads).collect(),
+            faults: faults.collect(),
             origin: None,
             armed_at: None,
             begins_in_flight: false,

@@ -21,16 +21,10 @@ pub struct History {
 }
 
 /// The newest rows of a stream, thinned.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Thinned<T> {
     rows: VecDeque<T>,
     seen: u64,
-}
-
-impl<T> Default for Thinned<T> {
-    fn default() -> Self {
-        Self { rows: VecDeque::new(), seen: 0 }
-    }
 }
 
 impl<T: Copy> Thinned<T> {

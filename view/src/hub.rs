@@ -79,17 +79,4 @@ mod tests {
         let update = updates.try_recv().unwrap();
         assert!(past.contains("[1.0,") && update.contains("[2.0,"), "{past}{update}");
     }
-
-    #[test]
-    fn a_page_that_does_not_read_is_cut_off_and_others_are_not() {
-        let hub = Hub::default();
-        let (_, asleep) = hub.subscribe();
-        let (_, awake) = hub.subscribe();
-        for _ in 0..=MOST_WAITING {
-            hub.publish(Time::VIRTUAL_START, &tick(1.0), None);
-            awake.try_recv().unwrap();
-        }
-        assert_eq!(hub.pages(), 1);
-        assert_eq!(asleep.into_iter().count(), MOST_WAITING);
-    }
 }

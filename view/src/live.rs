@@ -25,7 +25,8 @@ const SILENT: Span = Span::from_millis(1000);
 #[derive(Debug)]
 pub struct LiveView {
     collector: Collector,
-    instance: InstanceModel,
+    /// Model of the instance.
+    pub instance: InstanceModel,
     last_status: Time,
 }
 
@@ -78,11 +79,6 @@ impl LiveView {
             instance: InstanceModel::new(Time::UNSET, timeout),
             last_status: Time::UNSET,
         }
-    }
-
-    /// Stores law and trajectory, if the daemon reported them.
-    pub fn note_law(&mut self, reported: Option<String>) {
-        self.instance.note_law(reported);
     }
 
     /// Rows and events since the last call, and the status if it is due.

@@ -74,13 +74,13 @@ impl Request {
     /// Length of the body; an error if it is missing or too large.
     fn body_length(&self) -> Result<usize, Response> {
         if self.header("transfer-encoding").is_some() {
-            return Err(Response::error(411, "a body needs its content-length"));
+            return Err(Response::text(411, "a body needs its content-length"));
         }
         let Some(text) = self.header("content-length") else { return Ok(0) };
         match text.parse() {
             Ok(length) if length <= MOST_BODY_BYTES => Ok(length),
-            Ok(_) => Err(Response::error(413, "the body is too long")),
-            Err(_) => Err(Response::error(400, "the content-length is not a number")),
+            Ok(_) => Err(Response::text(413, "the body is too long")),
+            Err(_) => Err(Response::text(400, "the content-length is not a number")),
         }
     }
 
@@ -101,7 +101,7 @@ impl Request {
 }
 
 fn refuse(status: u16, text: &str) -> Parsed {
-    Parsed::Refused(Response::error(status, text))
+    Parsed::Refused(Response::text(status, text))
 }
 
 #[cfg(test)]

@@ -30,8 +30,8 @@ impl Response {
         Self { status: 200, kind, body: body.into() }
     }
 
-    /// A refusal with its reason in plain text.
-    pub fn error(status: u16, text: &str) -> Self {
+    /// An answer in plain text: the reply to a command, or a refusal with its reason.
+    pub fn text(status: u16, text: &str) -> Self {
         Self { status, kind: "text/plain; charset=utf-8", body: format!("{text}\n").into() }
     }
 

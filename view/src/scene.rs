@@ -74,19 +74,15 @@ struct CameraPlace {
 impl SceneDescription {
     /// The description of a running instance.
     pub fn of_instance(config: &Config, has_control: bool) -> Self {
-        let title = config.instance.name.clone();
         let gains = if has_control { gains() } else { Vec::new() };
-        Self { is_live: true, has_control, gains, ..Self::new(config, title) }
+        let constant = Self::of_recording(config, &config.instance.name);
+        Self { is_live: true, has_control, gains, ..constant }
     }
 
     /// The description of the recording named `title`.
     pub fn of_recording(config: &Config, title: &str) -> Self {
-        Self::new(config, title.to_owned())
-    }
-
-    fn new(config: &Config, title: String) -> Self {
         Self {
-            title,
+            title: title.to_owned(),
             config_hash: format!("{:016x}", config.hash()),
             controller: config.control.controller.name().to_owned(),
             trajectory: config.trajectory.kind,

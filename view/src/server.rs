@@ -2,7 +2,7 @@
 //! one or the feed.
 
 use std::io::{self, Read, Write};
-use std::net::{Shutdown, TcpListener};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,98 +39,87 @@ pub fn serve(listener: &TcpListener, site: &Arc<Site>) {
         let thread = std::thread::Builder::new().name("page".to_owned());
         // If a thread cannot be started, its connection is closed.
         let _ = thread.spawn(move || {
-            let mut connection = Connection { place };
             // A failed connection does not affect the others.
-            let _ = connection.serve(&site);
-            let _ = connection.place.stream().shutdown(Shutdown::Both);
+            let _ = serve_connection(&place, &site);
+            let _ = place.stream().shutdown(Shutdown::Both);
         });
     }
 }
 
-struct Connection {
-    place: ConnectionPlace,
+fn serve_connection(place: &ConnectionPlace, site: &Site) -> io::Result<()> {
+    let stream = place.stream();
+    stream.set_nodelay(true)?;
+    let request = match read(stream, Time::now() + REQUEST_TIMEOUT)? {
+        Ok(request) => request,
+        Err(refusal) => return write(stream, &refusal.to_bytes("GET"), RESPONSE_TIMEOUT),
+    };
+    place.enter(match site.is_token_holder(&request) {
+        true => ConnectionClass::TokenHolder,
+        false => ConnectionClass::Anonymous,
+    });
+    match site.answer(&request) {
+        Reply::Whole(response) => {
+            write(stream, &response.to_bytes(&request.method), RESPONSE_TIMEOUT)
+        }
+        Reply::Updates(hub) => follow(stream, hub),
+    }
 }
 
-impl Connection {
-    fn serve(&mut self, site: &Site) -> io::Result<()> {
-        self.place.stream().set_nodelay(true)?;
-        let request = match self.read(Time::now() + REQUEST_TIMEOUT)? {
-            Ok(request) => request,
-            Err(refusal) => return self.send(&refusal, "GET"),
+/// Reads a request that is complete before `deadline`.
+fn read(mut stream: &TcpStream, deadline: Time) -> io::Result<Result<Request, Response>> {
+    let mut bytes = Vec::new();
+    let mut part = [0; 2048];
+    loop {
+        match Request::parse(&bytes) {
+            Parsed::Complete(request) => return Ok(Ok(request)),
+            Parsed::Refused(response) => return Ok(Err(response)),
+            Parsed::Incomplete if bytes.len() > MOST_HEAD_BYTES + MOST_BODY_BYTES => {
+                return Ok(Err(Response::text(413, "the request is too long")));
+            }
+            Parsed::Incomplete => {}
+        }
+        let Some(rest) = until(deadline) else {
+            return Ok(Err(Response::text(408, "the request came too slowly")));
         };
-        self.place.enter(match site.is_token_holder(&request) {
-            true => ConnectionClass::TokenHolder,
-            false => ConnectionClass::Anonymous,
-        });
-        match site.answer(&request) {
-            Reply::Whole(response) => self.send(&response, &request.method),
-            Reply::Updates(hub) => self.follow(hub),
+        stream.set_read_timeout(Some(rest))?;
+        match stream.read(&mut part) {
+            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(length) => bytes.extend_from_slice(&part[..length]),
+            Err(error) if is_timeout(&error) => {}
+            Err(error) => return Err(error),
         }
     }
+}
 
-    /// Reads a request that is complete before `deadline`.
-    fn read(&mut self, deadline: Time) -> io::Result<Result<Request, Response>> {
-        let mut bytes = Vec::new();
-        let mut part = [0; 2048];
-        loop {
-            match Request::parse(&bytes) {
-                Parsed::Complete(request) => return Ok(Ok(request)),
-                Parsed::Refused(response) => return Ok(Err(response)),
-                Parsed::Incomplete if bytes.len() > MOST_HEAD_BYTES + MOST_BODY_BYTES => {
-                    return Ok(Err(Response::error(413, "the request is too long")));
-                }
-                Parsed::Incomplete => {}
-            }
-            let Some(rest) = until(deadline) else {
-                return Ok(Err(Response::error(408, "the request came too slowly")));
-            };
-            self.place.stream().set_read_timeout(Some(rest))?;
-            match self.place.stream().read(&mut part) {
-                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
-                Ok(length) => bytes.extend_from_slice(&part[..length]),
-                Err(error) if is_timeout(&error) => {}
-                Err(error) => return Err(error),
-            }
+/// Sends the history, then every update, until the page is closed or too slow.
+fn follow(stream: &TcpStream, hub: &Hub) -> io::Result<()> {
+    set_socket_send_buffer_size(stream, SEND_BUFFER_BYTES)?;
+    write(stream, stream_head().as_bytes(), UPDATE_TIMEOUT)?;
+    let (past, updates) = hub.subscribe();
+    write(stream, past.as_bytes(), RESPONSE_TIMEOUT)?;
+    updates.iter().try_for_each(|update| write(stream, update.as_bytes(), UPDATE_TIMEOUT))
+}
+
+/// Writes everything within `timeout`.
+fn write(mut stream: &TcpStream, mut bytes: &[u8], timeout: Span) -> io::Result<()> {
+    let deadline = Time::now() + timeout;
+    while !bytes.is_empty() {
+        let rest = until(deadline).ok_or(io::ErrorKind::TimedOut)?;
+        stream.set_write_timeout(Some(rest))?;
+        match stream.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(length) => bytes = &bytes[length..],
+            Err(error) if is_timeout(&error) => {}
+            Err(error) => return Err(error),
         }
     }
-
-    fn send(&mut self, response: &Response, method: &str) -> io::Result<()> {
-        self.write(&response.to_bytes(method), RESPONSE_TIMEOUT)
-    }
-
-    /// Sends the history, then every update, until the page is closed or too slow.
-    fn follow(&mut self, hub: &Hub) -> io::Result<()> {
-        set_socket_send_buffer_size(self.place.stream(), SEND_BUFFER_BYTES)?;
-        self.write(stream_head().as_bytes(), UPDATE_TIMEOUT)?;
-        let (past, updates) = hub.subscribe();
-        self.write(past.as_bytes(), RESPONSE_TIMEOUT)?;
-        for update in updates {
-            self.write(update.as_bytes(), UPDATE_TIMEOUT)?;
-        }
-        Ok(())
-    }
-
-    /// Writes everything within `timeout`.
-    fn write(&mut self, mut bytes: &[u8], timeout: Span) -> io::Result<()> {
-        let deadline = Time::now() + timeout;
-        while !bytes.is_empty() {
-            let rest = until(deadline).ok_or(io::ErrorKind::TimedOut)?;
-            self.place.stream().set_write_timeout(Some(rest))?;
-            match self.place.stream().write(bytes) {
-                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(length) => bytes = &bytes[length..],
-                Err(error) if is_timeout(&error) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
-    }
+    Ok(())
 }
 
 /// Time until `deadline`; `None` if it has passed.
 fn until(deadline: Time) -> Option<Duration> {
-    let rest = deadline.since(Time::now()).nanos();
-    (rest > 0).then(|| Duration::from_nanos(rest.unsigned_abs()))
+    let rest = deadline.since(Time::now());
+    (rest > Span::ZERO).then(|| rest.to_duration())
 }
 
 fn is_timeout(error: &io::Error) -> bool {

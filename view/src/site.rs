@@ -114,7 +114,7 @@ impl Site {
             return self.control(request).map(Reply::Whole);
         }
         if !["GET", "HEAD"].contains(&&*request.method) {
-            return Err(Response::error(405, "only GET is answered here"));
+            return Err(Response::text(405, "only GET is answered here"));
         }
         if let Some(asset) = assets::find(&request.path) {
             return Ok(Reply::Whole(asset));
@@ -133,23 +133,22 @@ impl Site {
                 self.access.may_read(request)?;
                 Ok(Reply::Whole(Response::ok(JSON, document.clone())))
             }
-            _ => Err(Response::error(404, "not found; the page is at /")),
+            _ => Err(Response::text(404, "not found; the page is at /")),
         }
     }
 
     fn control(&self, request: &Request) -> Result<Response, Response> {
         if request.method != "POST" {
-            return Err(Response::error(405, "commands require POST"));
+            return Err(Response::text(405, "commands require POST"));
         }
         self.access.may_control(request)?;
         let Subject::Live(_, Some(operator)) = &self.subject else {
-            return Err(Response::error(403, "a recording accepts no commands"));
+            return Err(Response::text(403, "a recording accepts no commands"));
         };
         let CommandBody { command, arguments, seen_ms } = command(&request.body)?;
         let seen_at = Time::from_nanos(seen_ms.saturating_mul(NANOS_PER_MS));
         let OperatorReply { is_accepted, text } = operator.execute(&command, &arguments, seen_at);
-        let status = if is_accepted { 200 } else { 409 };
-        Ok(Response { status, ..Response::error(status, &text) })
+        Ok(Response::text(if is_accepted { 200 } else { 409 }, &text))
     }
 }
 
@@ -164,7 +163,7 @@ fn command(body: &[u8]) -> Result<CommandBody, Response> {
     known.ok_or_else(|| {
         let example = r#"{"command": "goto", "arguments": ["0", "0", "1"], "seen_ms": 5000}"#;
         let names = COMMANDS.join(", ");
-        Response::error(400, &format!("a command has the form {example}, with at_ms of the newest update; commands: {names}"))
+        Response::text(400, &format!("a command has the form {example}, with at_ms of the newest update; commands: {names}"))
     })
 }
 

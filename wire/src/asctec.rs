@@ -31,8 +31,8 @@ mod telemetry;
 mod thrust;
 
 pub use command::{
-    CommandError, CommandPacket, ControlInput, EMERGENCY_STOP, FULL_STICK, FULL_THRUST,
-    HostCommand, PollPacket, poll_frame,
+    CommandError, ControlInput, EMERGENCY_STOP, FULL_STICK, FULL_THRUST, HostCommand, poll_frame,
+    read_poll,
 };
 pub use crc::crc16;
 pub use decoder::{HostDecoder, HostEvent, HostGrammar, VehicleDecoder, VehicleGrammar};
@@ -41,7 +41,7 @@ pub use invalid_scale::InvalidScale;
 pub use meaning::{AxisSigns, CountLimits, Imu, Scales, Status, StickMeaning, Sticks};
 pub use payload::{ImuCalc, LlStatus};
 pub use telemetry::{
-    AcknowledgementPacket, MAX_TELEMETRY, TelemetryError, TelemetryPacket, acknowledgement_frame,
+    MAX_TELEMETRY, TelemetryError, TelemetryPacket, acknowledgement_frame, read_acknowledgement,
     write_telemetry,
 };
 pub use thrust::ThrustTable;

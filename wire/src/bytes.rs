@@ -1,4 +1,7 @@
-//! Reading and writing of numbers in either byte order.
+//! Reading and writing of numbers in either byte order; bytes without allocation.
+
+use std::fmt;
+use std::ops::Deref;
 
 /// Byte order of numbers on a wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -8,6 +11,53 @@ pub enum ByteOrder {
     Little,
     /// Most significant byte first.
     Big,
+}
+
+/// Up to `N` bytes, held in place.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct ByteArray<const N: usize> {
+    /// Zeros behind the first `length` bytes.
+    bytes: [u8; N],
+    length: usize,
+}
+
+impl<const N: usize> ByteArray<N> {
+    /// No bytes.
+    pub(crate) const EMPTY: Self = Self { bytes: [0; N], length: 0 };
+
+    /// Copy of `bytes`; `None` if there are more than `N`.
+    pub(crate) fn of(bytes: &[u8]) -> Option<Self> {
+        let mut array = Self::EMPTY;
+        array.put(bytes);
+        (bytes.len() <= N).then_some(array)
+    }
+
+    /// Appends `bytes`, cut off where the array is full.
+    pub(crate) fn put(&mut self, bytes: &[u8]) -> &mut Self {
+        let count = bytes.len().min(N - self.length);
+        self.bytes[self.length..][..count].copy_from_slice(&bytes[..count]);
+        self.length += count;
+        self
+    }
+
+    /// The bytes.
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+}
+
+impl<const N: usize> Deref for ByteArray<N> {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        self.as_bytes()
+    }
+}
+
+impl<const N: usize> fmt::Debug for ByteArray<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:02x?}", self.as_bytes())
+    }
 }
 
 /// Reader of fields, one after another; `None` where the bytes end.
@@ -122,9 +172,9 @@ impl<'a> ByteWriter<'a> {
     }
 
     /// Writes a displayed value and a NUL. Only the buffer allocates.
-    pub(crate) fn display(&mut self, text: impl std::fmt::Display) -> &mut Self {
+    pub(crate) fn display(&mut self, text: impl fmt::Display) -> &mut Self {
         // Writing to a buffer cannot fail.
-        let _ = std::fmt::Write::write_fmt(self, format_args!("{text}"));
+        let _ = fmt::Write::write_fmt(self, format_args!("{text}"));
         self.bytes(&[0])
     }
 
@@ -145,8 +195,8 @@ impl<'a> ByteWriter<'a> {
     }
 }
 
-impl std::fmt::Write for ByteWriter<'_> {
-    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+impl fmt::Write for ByteWriter<'_> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
         self.bytes(text.as_bytes());
         Ok(())
     }

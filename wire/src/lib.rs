@@ -26,7 +26,7 @@
 //! | [`text`] | text of another machine, escaped for a log |
 //! | `thrust` | from a share of the greatest thrust to the thrust of a set-point |
 //! | `interpolation` | straight lines between the points of a table |
-//! | `bytes` | numbers in packets |
+//! | `bytes` | numbers in packets; bytes without allocation |
 //! | [`motion`] | measurements of a camera system: poses of bodies, positions of markers |
 //! | [`qtm`] | the RT protocol of Qualisys Track Manager |
 //! | [`vrpn`] | VRPN, of Vicon Tracker, Motive and others |
@@ -52,5 +52,5 @@ mod thrust;
 pub mod vrpn;
 pub mod xbee;
 
-pub use bytes::ByteOrder;
+pub use bytes::{ByteArray, ByteOrder};
 pub use thrust::{InvalidThrustCurve, ThrustCurve};

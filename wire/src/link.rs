@@ -24,7 +24,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 pub use asctec::AsctecLink;
-pub use camera::{BodyRoute, CameraLink, CameraProtocol, MAX_BODIES, NatnetDelivery, QTM_VERSIONS};
+pub use camera::{BodyRoute, CameraLink, CameraProtocol, MAX_BODIES, NatnetDelivery};
 pub use crtp::CrtpLink;
 pub use mavlink::{AutopilotKind, MavlinkLink};
 pub use msp::MspLink;

@@ -3,9 +3,8 @@
 //! | file | subject |
 //! |---|---|
 //! | `packet.rs` | packets: encoder, grammar of the stream |
-//! | `packet_bytes.rs` | bytes of one packet |
 //! | `crc_extra.rs` | checksum seeds of the messages (generated) |
-//! | `payload.rs` | payloads: ids of the messages, fields |
+//! | `payload.rs` | bytes of packets; payloads: ids of the messages, fields |
 //! | `signature.rs` | signatures of packets, and their check |
 //! | `address.rs` | systems and their components |
 //! | `content.rs` | meaning of the messages that are understood |
@@ -14,7 +13,6 @@
 //! | `command.rs` | commands that are acknowledged |
 //! | `autopilot.rs` | modes of PX4 and of ArduCopter |
 //! | `parameter.rs` | parameters of autopilots |
-//! | `thrust.rs` | from the share of greatest thrust to MAVLink's thrust |
 //!
 //! Set-points are SET_ATTITUDE_TARGET alone: body rates and thrust (type mask 128), or attitude, yaw rate and thrust (type mask 3).
 //! ArduCopter answers any other mask, and a quaternion that is not of unit length, by leaving rate control without a message.
@@ -26,7 +24,6 @@ mod command;
 mod content;
 mod crc_extra;
 mod packet;
-mod packet_bytes;
 mod parameter;
 mod payload;
 mod read;
@@ -42,6 +39,6 @@ pub use content::{
     MavlinkPosition, MavlinkText, MavlinkTruth, SetpointKind, TextSeverity, Timesync,
 };
 pub use packet::{MavlinkDecoder, MavlinkEncoder, MavlinkGrammar, MavlinkPacket};
-pub use packet_bytes::{MAX_PACKET, MavlinkWire};
 pub use parameter::{ParameterName, ParameterValue};
+pub use payload::{MAX_PACKET, MavlinkWire};
 pub use signature::{SignatureCheck, SignedBytes, SigningKey};

@@ -27,7 +27,6 @@ mod server_info;
 
 pub use client::{NatNetClient, NatNetClientError, NatNetEvent, NatNetStage};
 pub use frame::{NatNetBody, NatNetFrame, NatNetTimes};
-pub use frame_writing::write_frame;
 pub use message::{MessageId, NatNetError, NatNetMessage, NatNetVersion};
 pub use model::{BodyDefinition, ModelDefinitions};
 pub use server::{NatNetServer, NatNetServerOptions};

@@ -43,9 +43,7 @@ pub use data::{Component, DataError, DataPacket};
 pub use discovery::{DISCOVERY_PORT, DiscoveryReply, DiscoveryRequest};
 pub use event::QtmEvent;
 pub use host::QtmHost;
-pub use packet::{
-    HEADER_BYTES, MAX_FROM_CLIENT, MAX_FROM_SERVER, QtmPacket, QtmPacketError, QtmStream,
-};
+pub use packet::{MAX_FROM_CLIENT, MAX_FROM_SERVER, QtmPacket, QtmPacketError, QtmStream};
 pub use parameters::{QtmBody, QtmParameters, QtmParametersError, QtmPoint};
 pub use record::{BodyOrientation, BodyRecord, MarkerRecord, NoPose};
 pub use selection::ParameterSelection;

@@ -5,9 +5,9 @@
 
 use crate::common::hex;
 use oqtal_wire::asctec::{
-    AcknowledgementPacket, CommandError, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP,
-    HostCommand, HostDecoder, HostEvent, ImuCalc, LlStatus, MAX_TELEMETRY, Poll, PollPacket,
-    TelemetryError, TelemetryPacket, VehicleDecoder, acknowledgement_frame, poll_frame,
+    CommandError, ControlInput, Descriptor, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent,
+    ImuCalc, LlStatus, MAX_TELEMETRY, Poll, TelemetryError, TelemetryPacket, VehicleDecoder,
+    acknowledgement_frame, poll_frame, read_acknowledgement, read_poll,
 };
 
 const COMMAND: &str = "3e2a3e6469 0000 0000 0000 d007 0f00 89b2";
@@ -31,7 +31,7 @@ fn status() -> LlStatus {
 #[test]
 fn command_is_the_reference() {
     assert_eq!(hover().frame().to_vec(), hex(COMMAND));
-    assert_eq!(CommandPacket::new_checked(&hex(COMMAND)).unwrap().input(), hover());
+    assert_eq!(ControlInput::read(&hex(COMMAND)), Ok(hover()));
     let received: Vec<_> = VehicleDecoder::new().push(&hex(COMMAND)).collect();
     assert_eq!(received, [HostCommand::Control(hover())]);
 }
@@ -61,10 +61,9 @@ fn one_bit_of_the_reference_crc_changed_is_refused() {
 fn polls_acknowledgements_and_the_emergency_stop_are_as_published() {
     assert_eq!(poll_frame(Poll::LL_STATUS).to_vec(), hex("3e2a3e70 0100"));
     assert_eq!(poll_frame(Poll::IMU_CALC | Poll::GPS_DATA_ADVANCED).to_vec(), hex("3e2a3e70 0402"));
-    assert_eq!(PollPacket::new_checked(&hex("3e2a3e70 8000")).unwrap().poll(), Poll::GPS_DATA);
+    assert_eq!(read_poll(&hex("3e2a3e70 8000")), Ok(Poll::GPS_DATA));
     assert_eq!(acknowledgement_frame(Descriptor::ControlInput).to_vec(), hex("3e61 17 613c"));
-    let packet = AcknowledgementPacket::new_checked(&hex("3e61 17 613c")).unwrap();
-    assert_eq!(packet.descriptor(), Descriptor::ControlInput);
+    assert_eq!(read_acknowledgement(&hex("3e61 17 613c")), Ok(Descriptor::ControlInput));
     assert_eq!(&EMERGENCY_STOP, b">*>me");
 }
 
@@ -113,7 +112,7 @@ fn imu_fields_are_where_the_manual_has_them() {
 
 #[test]
 fn a_rejected_command_has_a_reason() {
-    let refused = |bytes: &[u8]| CommandPacket::new_checked(bytes).unwrap_err();
+    let refused = |bytes: &[u8]| ControlInput::read(bytes).unwrap_err();
     let mut bytes = hex(COMMAND);
     assert_eq!(refused(&bytes[..16]), CommandError::Length { found: 16, wanted: 17 });
     bytes[16] ^= 0x80;
@@ -122,6 +121,5 @@ fn a_rejected_command_has_a_reason() {
     assert_eq!(refused(&bytes), CommandError::Head);
     let wild = ControlInput { thrust: 4096, ..ControlInput::ZERO_SETPOINT };
     assert_eq!(refused(&wild.frame()), CommandError::Range);
-    let refused = PollPacket::new_checked(&hex("3e2a3e70 2000")).unwrap_err();
-    assert_eq!(refused, CommandError::Range);
+    assert_eq!(read_poll(&hex("3e2a3e70 2000")), Err(CommandError::Range));
 }

@@ -26,6 +26,7 @@ fn parameters() -> QtmParameters {
 struct Server {
     host: QtmHost,
     session: QtmSession,
+    order: ByteOrder,
     sent: Vec<u8>,
 }
 
@@ -33,7 +34,7 @@ impl Server {
     fn new(order: ByteOrder) -> Self {
         let mut sent = Vec::new();
         let session = QtmSession::open(7, "10.0.0.2 (4711)".to_owned(), order, &mut sent);
-        Self { host: QtmHost::new(parameters()), session, sent }
+        Self { host: QtmHost::new(parameters()), session, order, sent }
     }
 
     fn receive(&mut self, bytes: &[u8], frame: Option<&MotionFrame<'_>>) {
@@ -42,7 +43,7 @@ impl Server {
 
     /// The answers to a command, each as text.
     fn answers(&mut self, command: &str) -> Vec<String> {
-        let order = self.session.order();
+        let order = self.order;
         self.sent.clear();
         let mut bytes = Vec::new();
         QtmWriter::new(&mut bytes, order).command(command);

@@ -10,6 +10,8 @@ use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{CrtpRequest, SUPERVISOR_PROTOCOL, Supervision, SupervisorCommand};
 
+use crate::protocol::PeriodicTimer;
+
 /// Time after which a command to the supervisor is repeated; zero set-points are sent in between.
 const REPEAT: Span = Span::from_millis(200);
 
@@ -25,7 +27,7 @@ pub struct Arming {
     was_started: bool,
     /// Instant at which the bridge last stopped motors that it had started.
     stopped_at: Time,
-    asked_at: Time,
+    repeat: PeriodicTimer,
     /// Whether disarming was requested last.
     is_disarming: bool,
 }
@@ -37,7 +39,7 @@ impl Arming {
             is_started: false,
             was_started: false,
             stopped_at: Time::UNSET,
-            asked_at: Time::UNSET,
+            repeat: PeriodicTimer::new(REPEAT),
             is_disarming: false,
         }
     }
@@ -87,9 +89,8 @@ impl Arming {
     }
 
     fn ask(&mut self, now: Time, command: SupervisorCommand) -> Option<SupervisorCommand> {
-        let is_due = !self.asked_at.is_set() || now.since(self.asked_at) >= REPEAT;
+        let is_due = self.repeat.is_due(now, false);
         if is_due {
-            self.asked_at = now;
             self.is_disarming = command == SupervisorCommand::Arm(false);
         }
         is_due.then_some(command)

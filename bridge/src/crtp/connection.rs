@@ -18,6 +18,7 @@ use super::names::{
     BATTERY, ESTIMATE, ESTIMATOR, MAX_NAMES, REQUIRED_PARAMETERS, SUPERVISOR, names,
 };
 use super::search::TableSearch;
+use crate::protocol::PeriodicTimer;
 
 /// Time after which a request is repeated.
 const REPEAT: Span = Span::from_millis(150);
@@ -68,7 +69,7 @@ pub struct CrtpConnection {
     options: ConnectionOptions,
     tables: TableStore,
     step: Step,
-    asked_at: Time,
+    repeat: PeriodicTimer,
     protocol: u8,
     search: TableSearch,
     logging: KnownTable,
@@ -82,7 +83,7 @@ impl CrtpConnection {
             options,
             tables,
             step: Step::Greeting,
-            asked_at: Time::UNSET,
+            repeat: PeriodicTimer::new(REPEAT),
             protocol: 0,
             search: TableSearch::new(TableKind::Logging),
             logging: KnownTable::new(TableKind::Logging, 0),
@@ -115,10 +116,8 @@ impl CrtpConnection {
         if let Step::Table(_) = self.step {
             return self.search.request(now);
         }
-        let is_due = !self.asked_at.is_set() || now.since(self.asked_at) >= REPEAT;
-        let request = self.step_request().filter(|_| is_due)?;
-        self.asked_at = now;
-        Some(request)
+        let request = self.step_request()?;
+        self.repeat.is_due(now, false).then_some(request)
     }
 
     fn step_request(&self) -> Option<CrtpRequest> {
@@ -196,7 +195,8 @@ impl CrtpConnection {
     }
 
     fn go_to(&mut self, step: Step) {
-        (self.step, self.asked_at) = (step, Time::UNSET);
+        self.step = step;
+        self.repeat.restart();
     }
 
     fn begin_table(&mut self, table: TableKind) {

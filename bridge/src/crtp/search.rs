@@ -7,6 +7,7 @@ use oqtal_wire::crtp::{CrtpReply, CrtpRequest, TableElement, TableInfo, TableKin
 use super::cache::TableStore;
 use super::known::{KnownElement, KnownTable};
 use super::names::names;
+use crate::protocol::PeriodicTimer;
 
 /// Requests that may be unanswered at a time \[-\]: firmware queues five packets at least.
 const WINDOW: usize = 3;
@@ -18,7 +19,7 @@ const REPEAT: Span = Span::from_millis(150);
 pub struct TableSearch {
     known: KnownTable,
     info: Option<TableInfo>,
-    info_asked_at: Time,
+    info_timer: PeriodicTimer,
     is_done: bool,
     /// Number of the first element that has not arrived yet \[-\].
     first: u16,
@@ -32,7 +33,7 @@ impl TableSearch {
         Self {
             known: KnownTable::new(table, 0),
             info: None,
-            info_asked_at: Time::UNSET,
+            info_timer: PeriodicTimer::new(REPEAT),
             is_done: false,
             first: 0,
             slots: [(Time::UNSET, false); WINDOW],
@@ -46,16 +47,15 @@ impl TableSearch {
 
     /// The request that is due at `now`, if any.
     pub fn request(&mut self, now: Time) -> Option<CrtpRequest> {
-        let is_due = |asked_at: Time| !asked_at.is_set() || now.since(asked_at) >= REPEAT;
         if self.is_done {
             return None;
         }
         let Some(TableInfo { count, .. }) = self.info else {
-            let due = is_due(self.info_asked_at);
-            self.info_asked_at = if due { now } else { self.info_asked_at };
-            return due.then_some(CrtpRequest::TableInfo(self.known.table));
+            let is_due = self.info_timer.is_due(now, false);
+            return is_due.then_some(CrtpRequest::TableInfo(self.known.table));
         };
         let (first, table) = (self.first, self.known.table);
+        let is_due = |asked_at: Time| !asked_at.is_set() || now.since(asked_at) >= REPEAT;
         let mut ids = (first..count).zip(&mut self.slots);
         let (id, slot) = ids.find(|(_, (asked_at, is_here))| !*is_here && is_due(*asked_at))?;
         slot.0 = now;

@@ -29,7 +29,6 @@ const RATES_AGAIN: Span = Span::from_millis(3000);
 /// Age of a heartbeat at which a single one is requested: PX4 refuses every rate except one a second.
 const HEARTBEAT_AGE: Span = Span::from_millis(60);
 const HEARTBEAT_MESSAGE: u32 = 0;
-const MESSAGE_INTERVAL: u16 = 511;
 /// Longest time between a request and its answer.
 const SYNC_WITHIN: Span = Span::from_millis(100);
 
@@ -180,7 +179,7 @@ impl PeriodicRequests {
 
     /// Takes the acknowledgement of a command.
     pub(super) fn acknowledged(&mut self, command: u16) {
-        if command == MESSAGE_INTERVAL {
+        if command == CommandKind::MESSAGE_INTERVAL {
             self.rates.advance();
         }
     }

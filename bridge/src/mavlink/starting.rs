@@ -3,9 +3,7 @@
 use oqtal_bus::code::VehicleRefusal;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::link::AutopilotKind;
-use oqtal_wire::mavlink::{
-    AckResult, CommandKind, MavlinkAddress, MavlinkContent, VehicleCommandLong,
-};
+use oqtal_wire::mavlink::{AckResult, CommandKind, MavlinkAddress, VehicleCommandLong};
 
 use super::vehicle::AutopilotState;
 use crate::protocol::VehicleReply;
@@ -20,24 +18,6 @@ const ANSWER_WITHIN: Span = Span::from_millis(250);
 const AFTER_REFUSAL: Span = Span::from_millis(600);
 /// Commands without an answer after which the vehicle does not answer \[-\].
 const UNANSWERED: u8 = 4;
-const SET_MODE: u16 = 176;
-const ARM: u16 = 400;
-
-/// Command to be addressed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Unaddressed {
-    kind: CommandKind,
-    confirmation: u8,
-}
-
-impl Unaddressed {
-    /// The command to `target`.
-    pub(super) fn to(self, target: MavlinkAddress) -> MavlinkContent {
-        let Self { kind, confirmation } = self;
-        MavlinkContent::Command(VehicleCommandLong { target, kind, confirmation })
-    }
-}
-
 /// Sequence of commands.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StartSequence {
@@ -82,9 +62,9 @@ impl StartSequence {
     pub(super) fn start(
         &mut self,
         now: Time,
-        kind: AutopilotKind,
+        (target, kind): (MavlinkAddress, AutopilotKind),
         vehicle: &AutopilotState,
-    ) -> Option<Unaddressed> {
+    ) -> Option<VehicleCommandLong> {
         (self.is_stopping, self.refused_at) = (false, None);
         let streams = self.stream_since.is_some_and(|since| now.since(since) >= STREAM_FIRST);
         let needs_stream = kind == AutopilotKind::Px4 && !streams;
@@ -96,13 +76,18 @@ impl StartSequence {
         } else {
             CommandKind::SetMode { mode: kind.setpoint_mode_command(), sub_mode: 0 }
         };
-        Some(self.send(now, command))
+        Some(self.send(now, target, command))
     }
 
     /// The command that stopping the motors needs at `now`; `None` for a zero set-point. `heartbeat_at`: instant of the last heartbeat.
-    pub(super) fn stop(&mut self, now: Time, heartbeat_at: Option<Time>) -> Option<Unaddressed> {
+    pub(super) fn stop(
+        &mut self,
+        now: Time,
+        target: MavlinkAddress,
+        heartbeat_at: Option<Time>,
+    ) -> Option<VehicleCommandLong> {
         if !std::mem::replace(&mut self.is_stopping, true) {
-            (self.not_before, self.unanswered) = (None, 0);
+            self.rest();
         }
         // After a refusal a heartbeat is awaited: a pilot may have taken control, which it reports.
         let is_seen = |at: Time| heartbeat_at.is_some_and(|heartbeat_at| heartbeat_at > at);
@@ -111,12 +96,7 @@ impl StartSequence {
         }
         // The daemon requires motors off: a vehicle that reports flight is disarmed by force.
         let is_forced = self.refused_at.is_some() || self.unanswered > 0;
-        Some(self.send(now, CommandKind::Arm { run: false, is_forced }))
-    }
-
-    /// The command that stops the motors in every state of the vehicle.
-    pub(super) fn forced_stop() -> Unaddressed {
-        Unaddressed { kind: CommandKind::Arm { run: false, is_forced: true }, confirmation: 0 }
+        Some(self.send(now, target, CommandKind::Arm { run: false, is_forced }))
     }
 
     /// Takes the result of a command.
@@ -128,9 +108,9 @@ impl StartSequence {
         reply: &mut dyn FnMut(VehicleReply),
     ) {
         let refusal = match command {
-            SET_MODE => VehicleRefusal::Mode,
-            ARM if self.is_stopping => VehicleRefusal::Disarming,
-            ARM => VehicleRefusal::Arming,
+            CommandKind::SET_MODE => VehicleRefusal::Mode,
+            CommandKind::ARM if self.is_stopping => VehicleRefusal::Disarming,
+            CommandKind::ARM => VehicleRefusal::Arming,
             _ => return,
         };
         if self.not_before.is_none() {
@@ -162,11 +142,11 @@ impl StartSequence {
         self.not_before.is_none_or(|at| now >= at)
     }
 
-    fn send(&mut self, now: Time, kind: CommandKind) -> Unaddressed {
+    fn send(&mut self, now: Time, target: MavlinkAddress, kind: CommandKind) -> VehicleCommandLong {
         let confirmation = self.unanswered;
         self.unanswered = self.unanswered.saturating_add(1);
         self.not_before = Some(now + ANSWER_WITHIN);
-        Unaddressed { kind, confirmation }
+        VehicleCommandLong { target, kind, confirmation }
     }
 }
 
@@ -174,20 +154,23 @@ impl StartSequence {
 mod tests {
     use super::*;
 
+    const VEHICLE: MavlinkAddress =
+        MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
+
     #[test]
     fn a_stop_is_forced_once_a_heartbeat_after_its_refusal_shows_no_pilot() {
         let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
         let mut sequence = StartSequence::default();
-        let forced = |sent: Option<Unaddressed>| {
+        let forced = |sent: Option<VehicleCommandLong>| {
             sent.map(|it| matches!(it.kind, CommandKind::Arm { is_forced: true, .. }))
         };
-        assert_eq!(forced(sequence.stop(at(0), None)), Some(false));
-        sequence.acknowledged(at(10), ARM, AckResult::Denied, &mut |_| {});
-        assert_eq!(forced(sequence.stop(at(20), Some(at(5)))), None);
+        assert_eq!(forced(sequence.stop(at(0), VEHICLE, None)), Some(false));
+        sequence.acknowledged(at(10), CommandKind::ARM, AckResult::Denied, &mut |_| {});
+        assert_eq!(forced(sequence.stop(at(20), VEHICLE, Some(at(5)))), None);
         sequence.rest();
-        assert_eq!(forced(sequence.stop(at(1010), Some(at(1000)))), Some(true));
+        assert_eq!(forced(sequence.stop(at(1010), VEHICLE, Some(at(1000)))), Some(true));
         sequence.fly();
-        assert_eq!(forced(sequence.stop(at(2000), Some(at(2000)))), Some(false));
+        assert_eq!(forced(sequence.stop(at(2000), VEHICLE, Some(at(2000)))), Some(false));
     }
 
     #[test]
@@ -195,13 +178,15 @@ mod tests {
         let now = Time::VIRTUAL_START;
         let refusals = |sequence: &mut StartSequence| {
             let mut refusals = 0;
-            sequence.acknowledged(now, SET_MODE, AckResult::Denied, &mut |_| refusals += 1);
+            sequence.acknowledged(now, CommandKind::SET_MODE, AckResult::Denied, &mut |_| {
+                refusals += 1
+            });
             refusals
         };
         let mut sequence = StartSequence::default();
         assert_eq!(refusals(&mut sequence), 0);
         let mode = AutopilotKind::ArduPilot.setpoint_mode_command();
-        sequence.send(now, CommandKind::SetMode { mode, sub_mode: 0 });
+        sequence.send(now, VEHICLE, CommandKind::SetMode { mode, sub_mode: 0 });
         assert_eq!(refusals(&mut sequence), 1);
     }
 }

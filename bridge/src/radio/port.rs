@@ -11,7 +11,7 @@ use oqtal_wire::link::RadioSpec;
 
 use super::dongle::RadioDongle;
 use super::schedule::MAX_AGE;
-use super::usb::UsbDongle;
+use super::usb::{UsbDongle, unknown};
 use super::worker::RadioWorker;
 use crate::link::{PortOpenError, PortOptions, VehicleLink};
 
@@ -39,10 +39,7 @@ impl PortOptions for RadioPortOptions {
     fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError> {
         let dongle = UsbDongle::open()?;
         let worker = RadioWorker::new(dongle, vec![self.vehicle], self.packets_per_s);
-        let link = RadioLink::start(worker).map_err(|error| PortOpenError::System {
-            port: "the Crazyradio".to_owned(),
-            reason: error.to_string(),
-        })?;
+        let link = RadioLink::start(worker).map_err(|error| unknown(error.to_string()))?;
         Ok(Box::new(link))
     }
 }

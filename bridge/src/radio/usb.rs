@@ -118,9 +118,7 @@ impl UsbDongle {
         self.target = Some(*target);
         Ok(())
     }
-}
 
-impl UsbDongle {
     fn send(&mut self, packet: &CrtpPacket) -> Result<(), TransferError> {
         let bytes = packet.as_bytes().to_vec();
         self.output.transfer_blocking(bytes.into(), TIMEOUT).status
@@ -169,7 +167,8 @@ fn refused(error: &nusb::Error) -> PortOpenError {
     }
 }
 
-fn unknown(reason: String) -> PortOpenError {
+/// The failure to open the radio for another reason.
+pub fn unknown(reason: String) -> PortOpenError {
     PortOpenError::System { port: "the Crazyradio".to_owned(), reason }
 }
 

@@ -13,8 +13,9 @@ use super::exchange::{
     ANSWER_WITHIN, ParameterReport, READ_BUFFER, SetupPort, TRIES, refuse_in_flight, table,
 };
 use crate::mavlink::{
-    OWN_HEARTBEAT, earlier_name, encoder, is_accepted, signature_check, wanted_parameters,
+    OWN_HEARTBEAT, earlier_name, encoder_and_check, is_accepted, wanted_parameters,
 };
+use crate::protocol::PeriodicTimer;
 use crate::setup::unix_us;
 use crate::wanted::WantedParameter;
 
@@ -55,14 +56,13 @@ struct ParameterSession {
     vehicle: MavlinkAddress,
     kind: AutopilotKind,
     is_armed: bool,
-    heartbeat_at: Time,
+    heartbeat_timer: PeriodicTimer,
 }
 
 impl ParameterSession {
     fn open(config: &Config, spec: &LinkSpec, link: &MavlinkLink) -> Result<Self, Failure> {
         let located = |error| config.locate(&error);
-        let encoder = encoder(config, unix_us()).map_err(located)?;
-        let check = signature_check(config, unix_us()).map_err(located)?;
+        let (encoder, check) = encoder_and_check(config, unix_us()).map_err(located)?;
         let signed = if check.is_some() { ", that it signs with the same key" } else { "" };
         let mut session = Self {
             port: SetupPort::open(config, spec)?,
@@ -72,7 +72,7 @@ impl ParameterSession {
             vehicle: MavlinkAddress::ALL,
             kind: AutopilotKind::ArduPilot,
             is_armed: false,
-            heartbeat_at: Time::UNSET,
+            heartbeat_timer: PeriodicTimer::new(HEARTBEAT_PERIOD),
         };
         let is_wanted = |heartbeat: &MavlinkHeartbeat, from: MavlinkAddress| {
             let AutopilotFirmware::Known(kind) = heartbeat.autopilot else { return None };
@@ -149,7 +149,9 @@ impl ParameterSession {
         let deadline = Time::now() + within;
         let mut buffer = [0; READ_BUFFER];
         while Time::now() < deadline {
-            self.beat()?;
+            if self.heartbeat_timer.is_due(Time::now(), false) {
+                self.send(&MavlinkContent::Heartbeat(OWN_HEARTBEAT))?;
+            }
             let Self { port, encoder, decoder, check, .. } = self;
             let bytes = port.read(&mut buffer)?;
             let mut packets =
@@ -161,15 +163,6 @@ impl ParameterSession {
             }
         }
         Ok(None)
-    }
-
-    fn beat(&mut self) -> Result<(), Failure> {
-        let now = Time::now();
-        if self.heartbeat_at.is_set() && now.since(self.heartbeat_at) < HEARTBEAT_PERIOD {
-            return Ok(());
-        }
-        self.heartbeat_at = now;
-        self.send(&MavlinkContent::Heartbeat(OWN_HEARTBEAT))
     }
 
     fn send(&mut self, content: &MavlinkContent) -> Result<(), Failure> {

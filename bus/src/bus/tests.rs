@@ -12,6 +12,13 @@ fn place(root: &std::path::Path) -> InstancePaths {
     InstancePaths::new("test", Some(root)).unwrap()
 }
 
+/// A new root directory, removed when it is dropped, and an instance in it.
+fn temporary() -> (tempfile::TempDir, InstancePaths) {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    (root, place)
+}
+
 fn counters(place: &InstancePaths) -> usize {
     let prefix = place.prefix();
     let entries = std::fs::read_dir("/dev/shm").unwrap();
@@ -67,8 +74,7 @@ fn files(place: &InstancePaths) -> Vec<std::path::PathBuf> {
 
 #[test]
 fn nothing_is_left_after_the_last_port_is_dropped() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let (writer, reader) = (bus.writer(&POSE).unwrap(), bus.reader(&POSE).unwrap());
     let listener = bus.listener(&TRUTH).unwrap();
@@ -90,8 +96,7 @@ fn description(place: &InstancePaths, name: &str) -> Option<std::path::PathBuf> 
 
 #[test]
 fn f29_half_made_services_are_replaced_and_complete_ones_kept() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let _pose = bus.writer(&POSE).unwrap();
     let command = bus.writer(&COMMAND).unwrap();
@@ -117,8 +122,7 @@ fn f29_half_made_services_are_replaced_and_complete_ones_kept() {
 #[test]
 fn f27_all_memory_of_a_port_is_allocated_when_it_is_opened() {
     use std::os::unix::fs::MetadataExt;
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let _ports = (bus.writer(&POSE).unwrap(), bus.observer(&POSE).unwrap());
     let shared = files(&place).into_iter().filter(|file| file.starts_with("/dev/shm"));
@@ -132,8 +136,7 @@ fn f27_all_memory_of_a_port_is_allocated_when_it_is_opened() {
 #[test]
 fn files_of_an_instance_are_private() {
     use std::os::unix::fs::MetadataExt;
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let _ports = (bus.writer(&POSE).unwrap(), bus.reader(&POSE).unwrap());
     for file in files(&place) {
@@ -150,8 +153,7 @@ fn guessable(place: &InstancePaths) -> Vec<String> {
 
 #[test]
 fn f28_names_in_shared_memory_cannot_be_guessed_and_planted_files_do_no_harm() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let ports = (bus.writer(&POSE).unwrap(), bus.listener(&POSE).unwrap());
     let words = bus.stop_switch().unwrap();
@@ -178,8 +180,7 @@ fn f28_names_in_shared_memory_cannot_be_guessed_and_planted_files_do_no_harm() {
 
 #[test]
 fn f26_a_service_of_other_definitions_is_another_version_not_a_fault_of_the_system() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let config = bus.membership.config().unwrap();
     let node: Node<ipc::Service> = NodeBuilder::new().config(&config).create().unwrap();
@@ -199,7 +200,8 @@ fn f26_a_service_of_other_definitions_is_another_version_not_a_fault_of_the_syst
         .max_nodes(24)
         .create_with_attributes(&other_schema)
         .unwrap();
-    std::fs::write(bus.events.path(COMMAND.name), "an event of another size").unwrap();
+    let event = crate::wake::path(&bus.membership, COMMAND.name);
+    std::fs::write(event, "an event of another size").unwrap();
     let version = |error: BusError| matches!(error, BusError::Version { .. });
     assert!(version(bus.listener(&COMMAND).unwrap_err()));
     assert!(version(bus.control_client().unwrap_err()));
@@ -220,8 +222,7 @@ fn check_twice(watch: &mut InstanceWatch) -> Vec<crate::watch::LostFile> {
 
 #[test]
 fn f68_members_and_link_of_a_living_instance_are_restored_and_no_object_is_removed() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let (_pose, _stop) = (bus.writer(&POSE).unwrap(), bus.stop_switch().unwrap());
     let mut watch = bus.watch().unwrap();
@@ -243,8 +244,7 @@ fn f68_members_and_link_of_a_living_instance_are_restored_and_no_object_is_remov
 
 #[test]
 fn f68_a_loss_is_told_to_processes_that_do_not_use_the_file_and_nobody_joins_that_run() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let mut watch = bus.watch().unwrap();
     let (run, path) = (bus.membership.words_file(""), std::path::PathBuf::from("/lost.dynamic"));
@@ -304,8 +304,7 @@ fn f68_after_another_loss_a_new_run_begins_beside_the_lost_one() {
 
 #[test]
 fn f29_objects_of_a_dead_run_are_removed_by_the_next_process_that_joins() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let _bus = Bus::open(&place).unwrap();
     let dead = crate::remains::shared(&format!("{}0123456789abcdef", place.prefix()));
     std::fs::create_dir(&dead).unwrap();
@@ -321,8 +320,7 @@ fn f29_objects_of_a_dead_run_are_removed_by_the_next_process_that_joins() {
 /// The clean-up of iceoryx2 would wait without end for an object whose maker was killed before it gave it a size.
 #[test]
 fn f29_objects_without_a_size_are_removed() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let bus = Bus::open(&place).unwrap();
     let run = bus.membership.words_file("stop").parent().unwrap().to_path_buf();
     let run = run.file_name().unwrap().to_string_lossy().into_owned();
@@ -336,8 +334,7 @@ fn f29_objects_without_a_size_are_removed() {
 
 #[test]
 fn the_configuration_of_a_killed_daemon_outlives_a_visitor() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     for is_kept in [true, false] {
         let bus = Bus::open(&place).unwrap();
         std::fs::write(place.config(), "").unwrap();
@@ -365,8 +362,7 @@ fn an_instance_without_members_is_not_made_by_asking_for_it() {
 
 #[test]
 fn f71_observers_leave_the_places_of_the_loop() {
-    let root = tempfile::tempdir().unwrap();
-    let place = place(root.path());
+    let (_root, place) = temporary();
     let most = POSE.quality.observers;
     let bus = Bus::open(&place).unwrap().for_observer();
     let observers: Vec<_> = (0..most).map(|_| bus.observer(&POSE).unwrap()).collect();

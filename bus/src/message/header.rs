@@ -72,25 +72,17 @@ impl Stamps {
 
     /// Inverse of [`Stamps::to_words`] \[ns\].
     pub fn from_words(words: [u64; 8]) -> Self {
-        let [
-            captured_at,
-            pose_received_at,
-            pose_published_at,
-            woken_at,
-            computed_at,
-            command_published_at,
-            received_at,
-            applied_at,
-        ] = words.map(Time::from_nanos);
+        let mut instants = words.into_iter().map(Time::from_nanos);
+        let mut next = || instants.next().unwrap_or_default();
         Self {
-            captured_at,
-            pose_received_at,
-            pose_published_at,
-            woken_at,
-            computed_at,
-            command_published_at,
-            received_at,
-            applied_at,
+            captured_at: next(),
+            pose_received_at: next(),
+            pose_published_at: next(),
+            woken_at: next(),
+            computed_at: next(),
+            command_published_at: next(),
+            received_at: next(),
+            applied_at: next(),
         }
     }
 }

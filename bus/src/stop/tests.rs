@@ -7,12 +7,12 @@ fn switch() -> StopSwitch {
     StopSwitch::local(Rc::default())
 }
 
-/// Command with this actuation, published `millis` after [`NOW`].
-fn command(actuation: Actuation, millis: i64) -> (Header, CommandV1) {
+/// Passes `vehicle` a command with this actuation, published `millis` after [`NOW`].
+fn command(vehicle: &mut VehicleStop, actuation: Actuation, millis: i64) {
     let command_published_at = NOW + Span::from_millis(millis);
     let stamps = Stamps { command_published_at, ..Stamps::default() };
     let body = CommandV1 { actuation: actuation.code(), ..CommandV1::default() };
-    (Header { stamps, ..Header::default() }, body)
+    vehicle.receive_command(&Header { stamps, ..Header::default() }, &body);
 }
 
 #[test]
@@ -22,18 +22,15 @@ fn a_stop_is_in_force_until_disarmed_is_commanded_after_it() {
     assert!(!vehicle.is_in_force(NOW));
     let number = switch.raise();
     assert!(vehicle.is_in_force(NOW));
-    let (header, body) = command(Actuation::Disarmed, 5);
-    vehicle.receive_command(&header, &body);
+    command(&mut vehicle, Actuation::Disarmed, 5);
     assert!(vehicle.is_in_force(NOW), "lifted before it was obeyed");
     assert_eq!(switch.report(number), StopReport::default());
     vehicle.confirm(NOW, StoppedMotors::Off);
     for (actuation, millis) in [(Actuation::Sticks, 5), (Actuation::Disarmed, -1)] {
-        let (header, body) = command(actuation, millis);
-        vehicle.receive_command(&header, &body);
+        command(&mut vehicle, actuation, millis);
         assert!(vehicle.is_in_force(NOW), "{actuation} at {millis} ms");
     }
-    let (header, body) = command(Actuation::Disarmed, 0);
-    vehicle.receive_command(&header, &body);
+    command(&mut vehicle, Actuation::Disarmed, 0);
     assert!(!vehicle.is_in_force(NOW));
     let report = switch.report(number);
     assert!(report.vehicle_obeys && report.motors_off && !report.daemon_obeys);
@@ -50,14 +47,12 @@ fn f57_a_stop_that_another_s_control_withholds_is_not_obeyed_until_control_is_gi
     vehicle.withhold();
     let report = switch.report(number);
     assert!(report.another_has_control && !report.vehicle_obeys && switch.awaits_vehicle());
-    let (header, body) = command(Actuation::Disarmed, 4000);
-    vehicle.receive_command(&header, &body);
+    command(&mut vehicle, Actuation::Disarmed, 4000);
     assert!(vehicle.is_in_force(NOW), "lifted while it was withheld");
     vehicle.confirm(NOW, StoppedMotors::Off);
     let off = StopReport { vehicle_obeys: true, motors_off: true, ..StopReport::default() };
     assert_eq!(switch.report(number), off);
-    let (header, body) = command(Actuation::Disarmed, 5);
-    vehicle.receive_command(&header, &body);
+    command(&mut vehicle, Actuation::Disarmed, 5);
     assert!(!vehicle.is_in_force(NOW));
     assert_eq!(switch.report(number), off);
     assert!(!switch.report(switch.raise()).another_has_control, "of the stop before");
@@ -73,14 +68,12 @@ fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
     // The port was lost.
     vehicle.confirm(NOW, StoppedMotors::Unknown);
     for millis in [17, 400, 2999, 60_000] {
-        let (header, body) = command(Actuation::Disarmed, millis);
-        vehicle.receive_command(&header, &body);
+        command(&mut vehicle, Actuation::Disarmed, millis);
         assert!(vehicle.is_in_force(NOW), "lifted after {millis} ms with motors running");
     }
     vehicle.confirm(NOW, StoppedMotors::Off);
     assert!(switch.report(number).motors_off);
-    let (header, body) = command(Actuation::Disarmed, 420);
-    vehicle.receive_command(&header, &body);
+    command(&mut vehicle, Actuation::Disarmed, 420);
     assert!(!vehicle.is_in_force(NOW));
 
     // A vehicle that never reports does not block the instance permanently. Its port was opened after 5 s.
@@ -88,8 +81,7 @@ fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
     assert!(vehicle.is_in_force(NOW));
     vehicle.confirm(NOW + Span::from_millis(5000), StoppedMotors::Unknown);
     for (millis, is_in_force) in [(7999, true), (8000, false)] {
-        let (header, body) = command(Actuation::Disarmed, millis);
-        vehicle.receive_command(&header, &body);
+        command(&mut vehicle, Actuation::Disarmed, millis);
         assert_eq!(vehicle.is_in_force(NOW), is_in_force);
     }
 }
@@ -105,8 +97,7 @@ fn each_stop_must_be_lifted_however_many_operators_raise_one() {
     assert!(vehicle.is_in_force(later));
     vehicle.confirm(NOW, StoppedMotors::Unknown);
     // Published before the second stop was seen.
-    let (header, body) = command(Actuation::Disarmed, 2);
-    vehicle.receive_command(&header, &body);
+    command(&mut vehicle, Actuation::Disarmed, 2);
     assert!(vehicle.is_in_force(later));
     assert!(switch.report(first).vehicle_obeys && switch.report(second).vehicle_obeys);
     assert!(!switch.report(second).motors_off);
@@ -147,8 +138,7 @@ fn a_stop_without_a_vehicle_waits_for_one_and_a_restarted_daemon_sees_it_again()
     let mut vehicle = VehicleStop::new(switch.clone());
     assert!(vehicle.is_in_force(NOW));
     vehicle.confirm(NOW, StoppedMotors::Off);
-    let (header, body) = command(Actuation::Disarmed, 1);
-    vehicle.receive_command(&header, &body);
+    command(&mut vehicle, Actuation::Disarmed, 1);
     assert!(!ControllerStop::new(switch.clone()).is_newly_raised());
     assert!(!VehicleStop::new(switch).is_in_force(NOW));
 }
@@ -163,8 +153,7 @@ fn f69_zeroed_words_lift_no_stop_and_raise_one_after_an_earlier_stop() {
         assert!(vehicle.is_in_force(NOW) && daemon.is_newly_raised());
         vehicle.confirm(NOW, StoppedMotors::Off);
         if was_lifted {
-            let (header, body) = command(Actuation::Disarmed, 0);
-            vehicle.receive_command(&header, &body);
+            command(&mut vehicle, Actuation::Disarmed, 0);
             assert!(!vehicle.is_in_force(NOW));
         }
         switch.words.iter().for_each(|word| word.store(0, Ordering::Release));
@@ -172,8 +161,7 @@ fn f69_zeroed_words_lift_no_stop_and_raise_one_after_an_earlier_stop() {
         assert!(vehicle.is_in_force(NOW));
         // It ends as every stop.
         vehicle.confirm(NOW, StoppedMotors::Off);
-        let (header, body) = command(Actuation::Disarmed, 0);
-        vehicle.receive_command(&header, &body);
+        command(&mut vehicle, Actuation::Disarmed, 0);
         assert!(!vehicle.is_in_force(NOW));
     }
 }

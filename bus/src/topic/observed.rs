@@ -7,8 +7,8 @@ use super::{
     Topic, VEHICLE, VEHICLE_READ,
 };
 use crate::message::{
-    AnyMessage, CommandV1, EventV1, ExternalV1, HealthV1, InputV1, Message, PoseV1, ReferenceV1,
-    StateV1, TelemetryV1, TruthV1, VehicleV1,
+    AnyMessage, CommandV1, EventV1, ExternalV1, Field, HealthV1, InputV1, Message, PoseV1,
+    ReferenceV1, StateV1, TelemetryV1, TruthV1, VehicleV1,
 };
 
 /// Operation on any topic, such as opening a reader or decoding a body.
@@ -54,6 +54,14 @@ macro_rules! observed_topics {
                 match self {
                     $(Self::$variant => $topic.name,)*
                     Self::Health(role) => role.health().name,
+                }
+            }
+
+            /// Fields of the topic's messages.
+            pub const fn fields(self) -> &'static [Field] {
+                match self {
+                    $(Self::$variant => <$message>::FIELDS,)*
+                    Self::Health(_) => HealthV1::FIELDS,
                 }
             }
 

@@ -24,9 +24,17 @@ pub const COLUMNS: [Column; METRICS + 5] = {
 /// Number of leading metrics with a spread in the paper's Table V.
 const SPREADS: usize = 3;
 
-/// Row of a law. For the metrics with a spread, the `best` runs are averaged; `max_q` is the greatest weight of the law and how
-/// it was found. Flights that did not land are left out.
-pub fn row(flown: &Flown, best: usize, max_q: Option<(f64, &str)>) -> SheetRow {
+/// The greatest weight, or gain, of a law before its attitude error rises.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MaxQ {
+    /// The weight \[-\].
+    pub weight: f64,
+    /// How it was found, as text.
+    pub found: &'static str,
+}
+
+/// Row of a law. For the metrics with a spread, the `best` runs are averaged. Flights that did not land are left out.
+pub fn row(flown: &Flown, best: usize, max_q: Option<MaxQ>) -> SheetRow {
     let wanted = best.min(flown.runs.len());
     let best = best_runs(flown, wanted);
     let cell = |metric: usize| match metric {
@@ -38,11 +46,10 @@ pub fn row(flown: &Flown, best: usize, max_q: Option<(f64, &str)>) -> SheetRow {
         // All runs: a choice of runs by position error would bias the other metrics.
         _ => mean_of(&flown.values(metric)),
     };
-    let (weight, found) = max_q.unzip();
     let counts = [
         SheetCell::Count(flown.riccati_solves()),
-        weight.into(),
-        found.into(),
+        max_q.map(|it| it.weight).into(),
+        max_q.map(|it| it.found).into(),
         SheetCell::Count(flown.runs.len() as u64),
         SheetCell::Count(best.len() as u64),
     ];

@@ -16,7 +16,7 @@ use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
 use crate::output::{CONFIG, add_provenance, check_free, config_file_text, make, next_free, write};
-use crate::study::args::{say_notes, warn, warnings};
+use crate::study::args::{say_notes, warnings};
 
 /// Reads the flight of a recording.
 pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
@@ -146,7 +146,7 @@ impl IdentifyArgs {
         if self.fly {
             let config = Config::from_settings(&self.own_settings()?)?;
             check_interface(&config)?;
-            warn(&config);
+            say_notes(warnings(&config));
             let ExcitationFlight { flight, assumption } = excitation_flight::fly(&config)?;
             say_notes(assumption);
             flights.push(flight);

@@ -44,9 +44,8 @@ impl FlownMotion {
             }
             let Some(pose) = poses.get(last) else { break };
             let h_s = pose.captured_s - first.captured_s;
-            let turned =
-                first.attitude.unit_quaternion().inverse() * pose.attitude.unit_quaternion();
-            rates += (turned.scaled_axis() / h_s).map(|rate| rate * rate);
+            let turned = first.attitude.rotation_to(&pose.attitude);
+            rates += (turned / h_s).map(|rate| rate * rate);
             speed += ((pose.position - first.position).xy() / h_s).norm_squared();
             tilts += (first.attitude.unit_quaternion() * Vector3::z()).map(|part| part * part);
             count += 1;

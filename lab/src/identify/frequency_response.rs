@@ -5,9 +5,10 @@
 //! which no noise has an effect on (Ljung, *System Identification*, 2nd ed., 1999, chapter 13).
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use maud::{Markup, html};
-use nalgebra::{Complex, UnitQuaternion, Vector3};
+use nalgebra::{Complex, Vector3};
 use oqtal_control::euler::shorter_turn;
 use oqtal_control::statistics::median;
 use oqtal_observe::plot::axis::Axis;
@@ -89,9 +90,7 @@ fn duration(pair: &[PoseRecord]) -> f64 {
 
 /// Mean rate between two poses \[rad/s, body\].
 fn rate(pair: &[PoseRecord], axis: usize) -> f64 {
-    let turned: UnitQuaternion<f64> =
-        pair[0].attitude.unit_quaternion().inverse() * pair[1].attitude.unit_quaternion();
-    turned.scaled_axis()[axis] / duration(pair)
+    pair[0].attitude.rotation_to(&pair[1].attitude)[axis] / duration(pair)
 }
 
 /// Mean stick over each interval \[-1..1\]; a command holds until the next one.
@@ -235,17 +234,22 @@ fn both(
     let discs = measured.into_iter().map(|at| Mark::Disc(Ink::Second, at));
     let shapes: Vec<Mark> = discs.chain([Mark::Line(Ink::Actual, 3, model)]).collect();
     let legend = [("model", Ink::Actual), ("measured", Ink::Second)];
-    figure(title, &legend, &over_frequency(points, y, shapes))
+    figure(title, &legend, &over_frequency(range(points), y, shapes))
 }
 
 fn coherence(title: &str, points: &[ResponsePoint]) -> Markup {
     let line = points.iter().map(|point| (point.hz.log10(), point.coherence)).collect();
     let shapes = vec![Mark::Line(Ink::Third, 3, line)];
-    figure(title, &[], &over_frequency(points, Axis::linear(0.0..1.0, 5.0, ""), shapes))
+    figure(title, &[], &over_frequency(range(points), Axis::linear(0.0..1.0, 5.0, ""), shapes))
 }
 
-fn over_frequency(points: &[ResponsePoint], y: Axis, shapes: Vec<Mark>) -> Plot {
-    let range = points[0].hz.log10()..points[points.len() - 1].hz.log10();
+/// Logarithms of the first and the last frequency.
+fn range(points: &[ResponsePoint]) -> Range<f64> {
+    points[0].hz.log10()..points[points.len() - 1].hz.log10()
+}
+
+/// Plot over the decimal logarithm of the frequency, whose `range` it includes.
+pub fn over_frequency(range: Range<f64>, y: Axis, shapes: Vec<Mark>) -> Plot {
     let x = Axis::decades(range, |decade| format!("{} Hz", 10_f64.powi(decade)));
     Plot { size: SIZE, label_width: LABEL_WIDTH, x, y, shapes }
 }
@@ -253,6 +257,7 @@ fn over_frequency(points: &[ResponsePoint], y: Axis, shapes: Vec<Mark>) -> Plot 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::SplitMix64;
     use oqtal_control::quaternion::Attitude;
 
     const PERIOD_S: f64 = 1.0 / 60.0;
@@ -260,11 +265,8 @@ mod tests {
     /// Responses of a vehicle whose roll follows the sticks after two samples, without a lag, under a proportional law that answers
     /// noise of `noise_rad`, and the prescribed roll, a random walk of `size_rad`.
     fn flown(noise_rad: f64, size_rad: f64) -> (FlightData, [Vec<ResponsePoint>; 3]) {
-        let mut state = 1_u32;
-        let mut noise = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            f64::from(state >> 8) / f64::from(1 << 24) - 0.5
-        };
+        let mut random = SplitMix64::new(1);
+        let mut noise = || random.between(-0.5, 0.5);
         let (mut data, mut sticks) = (FlightData::default(), [0.0; 2]);
         let [mut prescribed, mut angle] = [0.0; 2];
         for k in 0..3000 {

@@ -106,8 +106,7 @@ pub fn identify(
 /// Whether the lag of the thrust may be as short as [`PROMPT_S`] and has a sufficiently narrow interval.
 fn may_be_prompt(fit: &FitResult) -> bool {
     let (lag_s, sd_s) = of(fit, 1, 1.0);
-    let is_shown = rules::THRUST_LAG.found(lag_s * 1e3, sd_s * 1e3, None).is_shown();
-    is_shown && lag_s - INTERVAL * sd_s < PROMPT_S
+    found(&rules::THRUST_LAG, (fit, 1, 1e3), None).is_shown() && lag_s - INTERVAL * sd_s < PROMPT_S
 }
 
 /// Median delay of commands by their stamps \[s\].
@@ -121,6 +120,16 @@ fn of(fit: &FitResult, index: usize, factor: f64) -> (f64, f64) {
     (value * factor, sd * factor)
 }
 
+/// The finding of `rule` by a parameter of a fit, whose unit times `factor` is that of the finding.
+fn found(
+    rule: &FindingRule,
+    (fit, index, factor): (&FitResult, usize, f64),
+    before: Option<f64>,
+) -> ParameterFinding {
+    let (value, sd) = of(fit, index, factor);
+    rule.found(value, sd, before)
+}
+
 fn rotation(
     estimate: &VehicleFit,
     configured: &VehicleOptions,
@@ -131,17 +140,15 @@ fn rotation(
     let delay = rules::DELAY.found(delay_ms, sd_ms, Some(configured.command_delay_ms));
     let hidden = stamped_s.map(|stamped_s| delay_ms - stamped_s * 1e3);
     let hidden = hidden.map(|hidden_ms| rules::HIDDEN_DELAY.found(hidden_ms, sd_ms, None));
-    let (lag_ms, sd_ms) = of(fit, 1, 1e3);
-    let lag = rules::RATE_LAG.found(lag_ms, sd_ms, Some(configured.rate_lag_ms));
+    let lag = found(&rules::RATE_LAG, (fit, 1, 1e3), Some(configured.rate_lag_ms));
     let [delay, lag] = delay.together(lag);
     let mut findings: Vec<_> = [Some(delay), hidden, Some(lag)].into_iter().flatten().collect();
     for (axis, rule) in rules::AUTHORITY.iter().enumerate() {
-        let (rate, sd) = of(fit, 2 + axis, 1.0);
-        findings.push(rule.found(rate, sd, Some(configured.rate_authority_rad_s[axis])));
+        let before = Some(configured.rate_authority_rad_s[axis]);
+        findings.push(found(rule, (fit, 2 + axis, 1.0), before));
     }
     for (axis, rule) in rules::RATE_BIAS.iter().enumerate() {
-        let (bias, sd) = of(fit, 6 + axis, 1f64.to_degrees());
-        findings.push(rule.found(bias, sd, None));
+        findings.push(found(rule, (fit, 6 + axis, 1f64.to_degrees()), None));
     }
     findings
 }
@@ -177,22 +184,19 @@ fn translation(
             findings.push(rules::THRUST.given(thrust_n, before.1));
         }
     }
-    let (lag_ms, sd_ms) = of(fit, 1, 1e3);
-    findings.push(rules::THRUST_LAG.found(lag_ms, sd_ms, Some(configured.thrust_lag_ms)));
-    let (bend, sd) = of(&estimate.curved.fit, CURVATURE, 1.0);
-    findings.push(rules::THRUST_CURVE.found(bend, sd, None));
+    findings.push(found(&rules::THRUST_LAG, (fit, 1, 1e3), Some(configured.thrust_lag_ms)));
+    findings.push(found(&rules::THRUST_CURVE, (&estimate.curved.fit, CURVATURE, 1.0), None));
     let (drag, sd) = of(fit, 2, 1.0);
     findings.push(rules::DRAG.found(drag.max(0.0), sd, Some(configured.drag_per_s)));
     for (axis, rule) in rules::PUSH.iter().enumerate() {
-        let (push, sd) = of(fit, 4 + axis, 1.0);
-        findings.push(rule.found(push, sd, None));
+        findings.push(found(rule, (fit, 4 + axis, 1.0), None));
     }
     findings
 }
 
 fn noise(estimate: &VehicleFit) -> Vec<ParameterFinding> {
     let (turning, lifting) = (&estimate.turning, &estimate.lifting);
-    let count: usize = turning.passes.iter().map(|pass| 3 * pass.innovations.len()).sum();
+    let count: usize = turning.passes.iter().map(|pass| 3 * pass.innovations.values.len()).sum();
     let sd_ratio = (2.0 * count as f64).sqrt().recip();
     let attitude_deg = turning.noise.measured_rad.to_degrees();
     let position_mm = lifting.noise.measured_m * 1e3;

@@ -20,16 +20,6 @@ impl Innovations {
         self.variances.push(variance);
     }
 
-    /// Number of innovations \[-\].
-    pub fn len(&self) -> usize {
-        self.values.len()
-    }
-
-    /// Whether there are no innovations.
-    pub fn is_empty(&self) -> bool {
-        self.values.is_empty()
-    }
-
     /// Innovations of an axis in expected standard deviations, for the measurement deviation `measured` \[unit of the
     /// innovations\].
     pub fn normalised(&self, measured: f64, axis: usize) -> Vec<f64> {

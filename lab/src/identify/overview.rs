@@ -4,8 +4,7 @@ use oqtal_observe::explain::wrapped;
 use oqtal_observe::plot::unit::{MISSING, rounded};
 
 use super::camera_figures::PoseLatency;
-use super::digits::with_interval;
-use super::finding::{ParameterFinding, rules};
+use super::finding::{ParameterFinding, rules, with_interval};
 use super::fit::{FitResult, StartingPoints};
 use super::identification::Identification;
 use super::lifting::CURVATURE;

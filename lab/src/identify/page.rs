@@ -1,7 +1,7 @@
 //! HTML page of an identification: findings, tests of the residuals, measured and predicted motion.
 
 use maud::{Markup, html};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use oqtal_observe::page::page;
 use oqtal_observe::plot::figure::{TimeSpan, over_time};
 use oqtal_observe::plot::palette::Ink;
@@ -117,7 +117,7 @@ fn plots(identification: &Identification, data: &FlightData, number: usize) -> M
         @for (axis, title) in pushes.into_iter().enumerate() {
             (pair(title, &accelerations, &expected, axis))
         }
-        (normalised(identification, data, number))
+        (normalised(identification, data, number, &span))
     }
 }
 
@@ -129,10 +129,8 @@ fn measured_rates(data: &FlightData) -> Vec<Reading> {
     let windows = data.air.windows(2 * RATE_POSES + 1);
     let rate = |window: &[PoseRecord]| {
         let (from, to) = (&window[0], &window[2 * RATE_POSES]);
-        let turned: UnitQuaternion<f64> =
-            from.attitude.unit_quaternion().inverse() * to.attitude.unit_quaternion();
         let over_s = to.captured_s - from.captured_s;
-        (window[RATE_POSES].captured_s, turned.scaled_axis() / over_s)
+        (window[RATE_POSES].captured_s, from.attitude.rotation_to(&to.attitude) / over_s)
     };
     windows.map(rate).collect()
 }
@@ -186,11 +184,14 @@ fn predicted_accelerations(
 }
 
 /// The residuals over time, in standard deviations.
-fn normalised(identification: &Identification, data: &FlightData, number: usize) -> Markup {
+fn normalised(
+    identification: &Identification,
+    data: &FlightData,
+    number: usize,
+    span: &TimeSpan,
+) -> Markup {
     let (turning, lifting) = (&identification.estimate.turning, &identification.estimate.lifting);
     let began_s = data.air[0].captured_s;
-    let end_s = data.air.last().map_or(began_s, |pose| pose.captured_s);
-    let span = TimeSpan { range: 0.0..end_s - began_s, ..TimeSpan::default() };
     let trace = |name, ink, residuals: Vec<f64>| {
         let times = data.air.iter().skip(1).map(|pose| pose.captured_s - began_s);
         Trace { name, ink, points: times.zip(residuals).collect() }
@@ -207,7 +208,7 @@ fn normalised(identification: &Identification, data: &FlightData, number: usize)
     let body = [("roll", 0), ("pitch", 1), ("yaw", 2)].map(turned);
     let world = [("x", 0), ("y", 1), ("z", 2)].map(lifted);
     html! {
-        (over_time("residuals of the attitude [sd]", body.to_vec(), &span))
-        (over_time("residuals of the position [sd]", world.to_vec(), &span))
+        (over_time("residuals of the attitude [sd]", body.to_vec(), span))
+        (over_time("residuals of the position [sd]", world.to_vec(), span))
     }
 }

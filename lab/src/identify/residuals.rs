@@ -56,15 +56,12 @@ impl ResidualTest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::SplitMix64;
 
     #[test]
-    fn a_walk_is_not_white_and_alternating_hashes_are() {
-        let scattered = |k: u64| {
-            let bits = (k + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-            let bits = (bits ^ (bits >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            ((bits >> 11) as f64 / (1u64 << 53) as f64 - 0.5) * 3.0
-        };
-        let white: Vec<f64> = (0..2000).map(scattered).collect();
+    fn a_moving_average_is_not_white_and_random_numbers_are() {
+        let mut random = SplitMix64::new(1);
+        let white: Vec<f64> = (0..2000).map(|_| random.between(-1.5, 1.5)).collect();
         let smooth: Vec<f64> = white.windows(2).map(|pair| pair[0] + 0.3 * pair[1]).collect();
         assert!(ResidualTest::of("white".into(), &white).is_white);
         assert!(!ResidualTest::of("smooth".into(), &smooth).is_white);

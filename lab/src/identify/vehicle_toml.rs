@@ -4,9 +4,9 @@ use oqtal_config::{Config, Fidelity, Setting};
 use oqtal_observe::plot::unit::rounded;
 use toml::{Table, Value};
 
-use super::digits::with_interval;
-use super::finding::ParameterFinding;
+use super::finding::{ParameterFinding, with_interval};
 use super::identification::Identification;
+use crate::study::flights::table;
 
 /// Column of the remarks \[characters\].
 const REMARKS_AT: usize = 39;
@@ -69,8 +69,8 @@ fn configured(identification: &Identification, config: &Config) -> Vec<(String, 
     let preset = Setting::flag("identify", "vehicle.preset", config.vehicle.preset.as_str());
     let shipped = Config::from_settings(&[preset]).unwrap_or_default();
     let (mut now, mut before) = (Vec::new(), Vec::new());
-    flatten(&config_table(config), "", &mut now);
-    flatten(&config_table(&shipped), "", &mut before);
+    flatten(&table(config), "", &mut now);
+    flatten(&table(&shipped), "", &mut before);
     let is_written = |(section, name, value): &&(String, String, Value)| {
         let key = format!("{section}.{name}");
         let is_own = !OF_ONE_FLIGHT.iter().any(|other| section.split('.').next() == Some(other));
@@ -86,10 +86,6 @@ fn configured(identification: &Identification, config: &Config) -> Vec<(String, 
         .collect();
     lines.sort_by_key(|(_, line)| !line.starts_with("preset"));
     lines
-}
-
-fn config_table(config: &Config) -> Table {
-    config.to_toml().parse().expect("the text of a configuration is TOML")
 }
 
 /// Appends the keys of `table`, which is the section `path`, as section, name and value.
@@ -110,13 +106,11 @@ fn line(identification: &Identification, key: &str, name: &str) -> String {
     let Some(values) = identification.values(key) else {
         return format!("# {name}: {remark}\n");
     };
-    let half =
-        |finding: &&&ParameterFinding| if finding.is_shown() { finding.half_width } else { 0.0 };
-    let numbers: Vec<String> = values
-        .iter()
-        .zip(findings.iter().map(|finding| half(&finding)))
-        .map(|(value, half_width)| with_decimals(with_interval(*value, half_width).0))
-        .collect();
+    let number = |(value, finding): (&f64, &&ParameterFinding)| {
+        let half_width = if finding.is_shown() { finding.half_width } else { 0.0 };
+        with_decimals(with_interval(*value, half_width).0)
+    };
+    let numbers: Vec<String> = values.iter().zip(&findings).map(number).collect();
     let numbers = match numbers.as_slice() {
         [number] => number.clone(),
         several => format!("[{}]", several.join(", ")),

@@ -5,7 +5,6 @@ use oqtal_observe::plot::figure::framed;
 
 use super::chapter::Chapter;
 use super::expression::TextValues;
-use super::figures::Figure;
 use super::text;
 
 /// Number, title and drawing of each diagram.
@@ -29,8 +28,7 @@ const DIAGRAMS: [(u8, &str, &str); 5] = [
 pub fn chapter() -> Chapter {
     let figures = DIAGRAMS.map(|(number, title, svg)| {
         let drawing = PreEscaped(svg.to_owned());
-        let markup = framed(&format!("Fig. {number}: {title}"), &[], (drawing, None));
-        Figure { number, markup }
+        framed(&format!("Fig. {number}: {title}"), &[], (drawing, None))
     });
     Chapter { figures: figures.into(), ..text::chapter("architecture", &TextValues::new()) }
 }

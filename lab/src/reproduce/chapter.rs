@@ -1,12 +1,12 @@
 //! A chapter of the reproduction: the result of one experiment, and the context shared by all experiments.
 
+use maud::Markup;
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::output::StudyOutput;
 use crate::sheet::Sheet;
 
-use super::figures::Figure;
 use super::lander::Lander;
 
 /// The result of one experiment: a chapter of the page.
@@ -18,8 +18,8 @@ pub struct Chapter {
     pub intro: Vec<String>,
     /// Tables.
     pub sheets: Vec<Sheet>,
-    /// Figures.
-    pub figures: Vec<Figure>,
+    /// Figures: drawings with their captions.
+    pub figures: Vec<Markup>,
 }
 
 /// Context shared by the experiments of one run.

@@ -45,15 +45,14 @@ const GOALS: [(usize, Goal); 9] = [
 const MISMATCHED_GOAL: (usize, Goal) = (CHIRP, Goal::Times(2.0));
 
 /// Flights of all laws on one plant.
-#[derive(Clone, Copy)]
-pub struct FlownLaws<'a> {
+pub struct FlownLaws {
     /// Description of the plant.
-    pub plant: &'a str,
+    pub plant: &'static str,
     /// Flights of every law.
-    pub flown: &'a [Flown],
+    pub flown: Vec<Flown>,
 }
 
-impl FlownLaws<'_> {
+impl FlownLaws {
     fn tuned(&self) -> impl Iterator<Item = &Flown> {
         self.flown.iter().filter(|flown| flown.law.variant == Variant::Ours)
     }
@@ -79,7 +78,7 @@ struct LawComparison {
 }
 
 impl LawComparison {
-    fn of(laws: &FlownLaws<'_>, metric: usize) -> Option<Self> {
+    fn of(laws: &FlownLaws, metric: usize) -> Option<Self> {
         let (ours, rival) = (laws.ours()?.interval(metric), laws.rival(metric)?);
         Some(Self { metric, ours, rival })
     }
@@ -109,6 +108,11 @@ impl LawComparison {
 
     fn row(&self, plant: &str, goal: Option<Goal>) -> SheetRow {
         let spread = |interval: &Interval| SheetCell::Interval(interval.mean, interval.half);
+        let (kind, number) = match goal {
+            Some(Goal::AtMost(most)) => ("at most", Some(most)),
+            Some(Goal::Times(least)) => ("times, at least", Some(least)),
+            None => ("", None),
+        };
         let cells = vec![
             plant.into(),
             self.title().into(),
@@ -117,15 +121,8 @@ impl LawComparison {
             spread(&self.rival.1),
             spread(&self.times()),
             yes_or_no(self.is_apart()).into(),
-            goal.map_or("", |goal| match goal {
-                Goal::AtMost(_) => "at most",
-                Goal::Times(_) => "times, at least",
-            })
-            .into(),
-            goal.map(|goal| match goal {
-                Goal::AtMost(number) | Goal::Times(number) => number,
-            })
-            .into(),
+            kind.into(),
+            number.into(),
             goal.map(|goal| yes_or_no(self.meets(goal))).into(),
         ];
         SheetRow::new(Variant::Ours, OURS, "against the best of the other tuned laws", cells)
@@ -137,7 +134,7 @@ fn yes_or_no(holds: bool) -> &'static str {
 }
 
 /// Table of `oqtal-dt` against the best other law: every metric on the nominal plant, the chirp on the mismatched ones.
-pub fn against_the_best(nominal: &FlownLaws<'_>, mismatched: &[FlownLaws<'_>]) -> Sheet {
+pub fn against_the_best(nominal: &FlownLaws, mismatched: &[FlownLaws]) -> Sheet {
     let goals = |metric| GOALS.iter().filter(move |(of, _)| *of == metric).map(|(_, goal)| *goal);
     let mut rows = Vec::new();
     let mut missed = Vec::new();
@@ -161,7 +158,7 @@ pub fn against_the_best(nominal: &FlownLaws<'_>, mismatched: &[FlownLaws<'_>]) -
 }
 
 /// Metrics in which [`OURS`] is better, worse or equal, with the ratios.
-fn distinguished(nominal: &FlownLaws<'_>) -> TextValues {
+fn distinguished(nominal: &FlownLaws) -> TextValues {
     let mut lists: BTreeMap<&'static str, Vec<String>> =
         ["better", "worse", "open"].map(|name| (name, Vec::new())).into();
     for pair in (0..METRICS).filter_map(|metric| LawComparison::of(nominal, metric)) {
@@ -177,14 +174,14 @@ fn distinguished(nominal: &FlownLaws<'_>) -> TextValues {
 }
 
 /// Plants on which a flight of [`OURS`] did not land.
-fn unstable<'a>(mismatched: &[FlownLaws<'a>]) -> Vec<&'a str> {
+fn unstable(mismatched: &[FlownLaws]) -> Vec<&'static str> {
     let landed = |flown: &Flown| flown.runs.iter().all(Run::all_as_planned);
     let lost = mismatched.iter().filter(|laws| !laws.ours().is_some_and(landed));
     lost.map(|laws| laws.plant).collect()
 }
 
 /// Mean of every metric with its interval, for each tuned law.
-pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
+pub fn intervals(nominal: &FlownLaws) -> Sheet {
     let row = |flown: &Flown| {
         let cell = |metric| {
             let Interval { mean, half } = flown.interval(metric);
@@ -198,7 +195,7 @@ pub fn intervals(nominal: &FlownLaws<'_>) -> Sheet {
 }
 
 /// Pairwise comparison of the paper's laws, seed by seed.
-pub fn ranking(nominal: &FlownLaws<'_>) -> Sheet {
+pub fn ranking(nominal: &FlownLaws) -> Sheet {
     const PAIRS: [[&str; 2]; 3] = [["pid", "lqr"], ["pid", "oqtal"], ["lqr", "oqtal"]];
     let find = |name: &str| nominal.tuned().find(|flown| flown.law.controller == name);
     let (mut rows, mut orders) = (Vec::new(), Vec::new());

@@ -215,10 +215,12 @@ impl Parser<'_> {
     fn sum(&mut self) -> f64 {
         let mut sum = self.product();
         loop {
-            match () {
-                () if self.take("+ ") => sum += self.product(),
-                () if self.take("- ") => sum -= self.product(),
-                () => return sum,
+            if self.take("+ ") {
+                sum += self.product();
+            } else if self.take("- ") {
+                sum -= self.product();
+            } else {
+                return sum;
             }
         }
     }
@@ -226,10 +228,12 @@ impl Parser<'_> {
     fn product(&mut self) -> f64 {
         let mut product = self.atom();
         loop {
-            match () {
-                () if self.take("* ") => product *= self.atom(),
-                () if self.take("/ ") => product /= self.atom(),
-                () => return product,
+            if self.take("* ") {
+                product *= self.atom();
+            } else if self.take("/ ") {
+                product /= self.atom();
+            } else {
+                return product;
             }
         }
     }

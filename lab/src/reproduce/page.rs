@@ -1,12 +1,17 @@
 //! The chapters as an HTML page and as Markdown.
 
-use maud::{Markup, PreEscaped, html};
+use std::path::PathBuf;
 
+use maud::{Markup, PreEscaped, html};
 use oqtal_observe::page::page;
+use oqtal_runtime::process::Failure;
 
 use super::chapter::Chapter;
 use super::claims::{Claim, claims};
+use crate::output::StudyOutput;
 use crate::sheet::{Sheet, SheetRow, Variant};
+use crate::study::args::command;
+use crate::text_table;
 
 const STYLE: &str = include_str!("page.css");
 /// Sorts a table by the selected column; the page is complete without it.
@@ -28,6 +33,32 @@ pub struct PageHead {
     pub file: &'static str,
 }
 
+impl PageHead {
+    /// Names of the page, of the same as Markdown, and of the JSON document.
+    pub fn files(&self) -> [String; 3] {
+        ["html", "md", "json"].map(|extension| format!("{}.{extension}", self.file))
+    }
+
+    /// Writes the page, the same as Markdown, and `document` into the directory of `output`, and completes the study. Returns the path
+    /// of the page.
+    ///
+    /// # Errors
+    /// A file cannot be written (exit code 71).
+    pub fn write(
+        &self,
+        output: &StudyOutput,
+        chapters: &[Chapter],
+        document: &str,
+    ) -> Result<PathBuf, Failure> {
+        let [page, markdown_page, json] = self.files();
+        output.write(&page, html(self, chapters))?;
+        output.write(&markdown_page, markdown(self, chapters, &command()))?;
+        output.write(&json, document)?;
+        output.complete()?;
+        Ok(output.directory.join(page))
+    }
+}
+
 /// The page of the paper.
 pub const PAPER: PageHead = PageHead {
     title: "The paper, reproduced",
@@ -38,7 +69,7 @@ pub const PAPER: PageHead = PageHead {
 };
 
 /// The HTML page of `chapters`.
-pub fn html(head: &PageHead, chapters: &[Chapter]) -> String {
+fn html(head: &PageHead, chapters: &[Chapter]) -> String {
     let claims = claims(chapters);
     let body = html! {
         header {
@@ -113,7 +144,7 @@ fn section(chapter: &Chapter) -> Markup {
                 @for other in &sheet.mismatched { (table(other)) }
             }
             @if !chapter.figures.is_empty() {
-                div.grid { @for figure in &chapter.figures { (figure.markup) } }
+                div.grid { @for figure in &chapter.figures { (figure) } }
             }
         }
     }
@@ -177,18 +208,18 @@ fn prose(text: &str) -> Markup {
 }
 
 /// Tables of `chapters` as Markdown; `command` is the command that generates them.
-pub fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String {
+fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String {
     let PageHead { title, lead, file } = head;
     let mut text = format!(
         "# {title}\n\n{lead}\n\n```sh\n{command}\n```\n\nmakes this page with all figures, `{file}.html`.\n\n"
     );
     let claims = claims(chapters);
     if !claims.is_empty() {
-        text += &format!("## {CLAIMS}\n\n| claim | verdict | found |\n|---|---|---|\n");
-        for Claim { claim, verdict, found, .. } in &claims {
-            text += &format!("| {claim} | {} | {} |\n", verdict.shown(), found.replace('|', "\\|"));
-        }
-        text += "\n";
+        let row = |Claim { claim, verdict, found, .. }: &Claim| {
+            vec![(*claim).to_owned(), verdict.shown().to_owned(), found.replace('|', "\\|")]
+        };
+        let table = text_table::markdown(&["claim", "verdict", "found"], claims.iter().map(row));
+        text += &format!("## {CLAIMS}\n\n{table}\n\n");
     }
     for chapter in chapters {
         text += &format!("## {}\n\n", chapter.title);

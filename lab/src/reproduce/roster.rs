@@ -85,9 +85,7 @@ pub fn oqtal_dt([attitude_weight, rate_weight, input_weight]: [f64; 3]) -> Contr
 
 /// The laws of Table IV.
 pub fn table_4() -> Vec<Entry> {
-    let mut entries = as_printed();
-    entries.extend(ours());
-    entries
+    [as_printed(), ours()].concat()
 }
 
 fn entry(

@@ -6,15 +6,13 @@ use oqtal_control::schedule::Cells;
 use oqtal_runtime::process::Failure;
 
 use super::chapter::{Chapter, invalid};
-use super::criteria::{CRITERIA, Criterion, EXPONENTS, Surface};
 use super::expression::TextValues;
+use super::figures::surface::{self, CRITERIA, Criterion, EXPONENTS, SIDE, Surface};
 use super::lander::{Descent, Lander};
+use super::roster;
 use super::text::{self, listed};
-use super::{figures, roster};
 use crate::progress::Progress;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
-
-const SIDE: usize = 21;
 
 /// A law of the sweep.
 struct Law {
@@ -82,7 +80,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     let sheets = [verdict(&surfaces), along_the_ratio(&surfaces), kept(&surfaces)];
     Ok(Chapter {
         sheets: sheets.map(|sheet| text::with_notes(sheet, &values)).into(),
-        figures: figures::surface::all([&surfaces[0], &surfaces[1]]),
+        figures: surface::all([&surfaces[0], &surfaces[1]]),
         ..text::chapter("sweep", &values)
     })
 }

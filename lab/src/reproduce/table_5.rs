@@ -5,7 +5,8 @@ use std::ops::Range;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::Failure;
 
-use crate::campaign::table::{self, COLUMNS};
+use crate::campaign::table::{self, COLUMNS, MaxQ};
+use crate::output::StudyOutput;
 use crate::study::flights::{MISMATCHED, NOMINAL, path};
 use crate::study::gains::tuned;
 use crate::study::law::{self, StudyLaw};
@@ -24,7 +25,7 @@ use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 mod max_q;
 
-use max_q::MaxQ;
+use max_q::max_q;
 
 /// Number of runs with the smallest position error over which the paper averages \[-\].
 const BEST: usize = 5;
@@ -35,12 +36,10 @@ const BEST: usize = 5;
 /// A setting is invalid.
 pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     let laws = laws(context)?;
-    let plants = fly(&laws, EVALUATION_SEEDS, &context.output.progress)?;
-    let max_q = context.output.progress.each("greatest weights", &laws, MaxQ::of)?;
-    let flown: Vec<FlownLaws<'_>> =
-        plants.iter().map(|(plant, flown)| FlownLaws { plant, flown }).collect();
+    let flown = fly(&laws, EVALUATION_SEEDS, &context.output.progress)?;
+    let max_q = context.output.progress.each("greatest weights", &laws, max_q)?;
     let (nominal, elsewhere) = flown.split_first().expect("the nominal plant was flown");
-    let values = values(&laws, nominal.flown, &context.output.progress)?;
+    let values = values(&laws, &nominal.flown, &context.output.progress)?;
     let main = text::with_notes(main(nominal, elsewhere, &max_q), &values);
     let compared = [
         comparison::against_the_best(nominal, elsewhere),
@@ -55,34 +54,36 @@ pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     })
 }
 
-/// Flies every law on the nominal plant and on the mismatched ones. Returns the rows of each plant, the nominal one first.
+/// Flies every law on the nominal plant and on the mismatched ones. Returns the flights on each plant, the nominal one first.
 fn fly(
     laws: &[StudyLaw],
     seeds: Range<u64>,
     progress: &Progress,
-) -> Result<Vec<(&'static str, Vec<Flown>)>, Failure> {
+) -> Result<Vec<FlownLaws>, Failure> {
     let plants = || [NOMINAL].into_iter().chain(MISMATCHED);
     let cases: Vec<Case> = plants().map(|plant| Case::on(plant, seeds.clone())).collect();
     let flown = Study { name: "Table V", laws, cases: &cases }.fly(progress)?;
     let of = |name: &str| flown.iter().filter(|row| row.case == name).cloned().collect();
-    Ok(plants().map(|plant| (plant.name, of(plant.name))).collect())
+    Ok(plants().map(|plant| FlownLaws { plant: plant.name, flown: of(plant.name) }).collect())
 }
 
 /// Table V without its notes; the mismatched plants show the greatest weight found on the nominal plant.
-fn main(nominal: &FlownLaws<'_>, elsewhere: &[FlownLaws<'_>], max_q: &[MaxQ]) -> Sheet {
-    let rows = |flown: &[Flown], cells: fn(MaxQ) -> (f64, &'static str)| -> Vec<SheetRow> {
+fn main(nominal: &FlownLaws, elsewhere: &[FlownLaws], max_q: &[MaxQ]) -> Sheet {
+    let rows = |flown: &[Flown], max_q: &[MaxQ]| -> Vec<SheetRow> {
         let with = flown.iter().zip(max_q);
-        with.map(|(flown, max_q)| table::row(flown, BEST, Some(cells(*max_q)))).collect()
+        with.map(|(flown, max_q)| table::row(flown, BEST, Some(*max_q))).collect()
     };
+    let of_nominal = |max_q: &MaxQ| MaxQ { found: "the nominal plant's", ..*max_q };
+    let max_q_elsewhere: Vec<MaxQ> = max_q.iter().map(of_nominal).collect();
     let mismatched = elsewhere.iter().map(|FlownLaws { plant, flown }| Sheet {
         name: (*plant).to_owned(),
         title: format!("The same with {plant}"),
         columns: COLUMNS.to_vec(),
-        rows: rows(flown, MaxQ::cells_elsewhere),
+        rows: rows(flown, &max_q_elsewhere),
         ..Sheet::default()
     });
     let mismatched = mismatched.collect();
-    let sheet = text::table_of("V", COLUMNS.to_vec(), rows(nominal.flown, MaxQ::cells));
+    let sheet = text::table_of("V", COLUMNS.to_vec(), rows(&nominal.flown, max_q));
     Sheet { mismatched, ..sheet }
 }
 
@@ -120,34 +121,25 @@ fn laws(context: &ExperimentContext) -> Result<Vec<StudyLaw>, Failure> {
     let mut laws = all_laws();
     if context.retune {
         for law in laws.iter_mut().filter(|law| law.variant == Variant::Ours) {
-            let name = law.controller;
-            let tuned = tune::tune(
-                name,
-                &Default::default(),
-                &Default::default(),
-                &context.output.progress,
-            )?;
-            context.output.write(&format!("tuned/{name}.toml"), tuned.to_toml(&[], ""))?;
-            law.settings = tuned.settings();
+            law.settings = retuned(law.controller, &context.output)?;
             law.remark = "tuned alike, again".to_owned();
         }
     }
     Ok(laws)
 }
 
+/// Gains of `target`, tuned again, as settings; their file is written into the directory of `output`.
+fn retuned(target: &str, output: &StudyOutput) -> Result<Vec<Setting>, Failure> {
+    let (budget, flights) = Default::default();
+    let tuned = tune::tune(target, &budget, &flights, &output.progress)?;
+    output.write(&format!("tuned/{target}.toml"), tuned.to_toml(&[], ""))?;
+    Ok(tuned.settings())
+}
+
 /// The shipped `oqtal` with the shipped outer loops, and with outer loops tuned one at a time.
 fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
     let tuned = match context.retune {
-        true => {
-            let tuned = tune::tune(
-                "outer",
-                &Default::default(),
-                &Default::default(),
-                &context.output.progress,
-            )?;
-            context.output.write("tuned/outer.toml", tuned.to_toml(&[], ""))?;
-            tuned.settings()
-        }
+        true => retuned("outer", &context.output)?,
         false => self::tuned("outer"),
     };
     let bounds = tune::space::on_a_bound("outer", &tuned).into_iter();
@@ -159,7 +151,7 @@ fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
     let cases = [Case::on(NOMINAL, EVALUATION_SEEDS)];
     let flown =
         Study { name: "outer loops", laws: &laws, cases: &cases }.fly(&context.output.progress)?;
-    let row = |flown: &Flown| Ok(table::row(flown, BEST, Some(MaxQ::of(&flown.law)?.cells())));
+    let row = |flown: &Flown| Ok(table::row(flown, BEST, Some(max_q(&flown.law)?)));
     let rows: Result<Vec<SheetRow>, Failure> = flown.iter().map(row).collect();
     let (better, worse) = changed(&flown[0], &flown[1]);
     let values = TextValues::from([
@@ -341,10 +333,8 @@ mod tests {
     fn every_figure_of_every_law_on_every_plant_is_a_number() {
         let mut laws = all_laws();
         laws.retain(|law| ["lqr", "oqtal-dt"].contains(&law.controller));
-        let plants = fly(&laws, 200..201, &Progress::default()).unwrap();
-        let flown: Vec<FlownLaws<'_>> =
-            plants.iter().map(|(plant, flown)| FlownLaws { plant, flown }).collect();
-        let max_q: Vec<MaxQ> = laws.iter().map(|law| MaxQ::of(law).unwrap()).collect();
+        let flown = fly(&laws, 200..201, &Progress::default()).unwrap();
+        let max_q: Vec<MaxQ> = laws.iter().map(|law| max_q(law).unwrap()).collect();
         let table = main(&flown[0], &flown[1..], &max_q).to_json();
         assert_eq!(table["rows"].as_array().unwrap().len(), 3 + laws.len());
         assert_numbers(&table["rows"]);

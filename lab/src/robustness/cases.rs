@@ -4,7 +4,7 @@ use oqtal_runtime::process::Failure;
 
 use super::tables::{self, FAILURES};
 use crate::progress::Progress;
-use crate::sheet::{Sheet, SheetRow, Variant};
+use crate::sheet::Sheet;
 use crate::study::failure::FailedFlights;
 use crate::study::flights::{AUTHORITY, Change, NOMINAL, PlantVariant, RATE_LAG};
 use crate::study::law::StudyLaw;
@@ -87,18 +87,11 @@ fn failures(flown: &[Flown]) -> Sheet {
 
 /// Table of one figure, with one column per plant.
 fn beside(of_laws: &[&[Flown]], (name, title): (&str, &str), metric: usize) -> Sheet {
-    let row = |of: &&[Flown]| {
-        let cells = of.iter().map(|row| finite(row.mean()[metric]).into()).collect();
-        SheetRow::new(Variant::Ours, of[0].law.name.clone(), "", cells)
-    };
-    Sheet {
-        name: name.to_owned(),
-        title: title.to_owned(),
-        notes: vec![NOTE.to_owned()],
-        columns: PLANTS.map(|plant| (plant.name, plant.name)).to_vec(),
-        rows: of_laws.iter().map(row).collect(),
-        ..Sheet::default()
-    }
+    let figure = |k: usize| move |of: &&[Flown]| finite(of[k].mean()[metric]);
+    let columns: [_; PLANTS.len()] =
+        std::array::from_fn(|k| column(PLANTS[k].name, PLANTS[k].name, figure(k)));
+    let names = |of: &&[Flown]| of[0].names_with("");
+    Sheet::tabulate((name, title), &columns, of_laws, names).with_note(NOTE)
 }
 
 fn finite(figure: f64) -> Option<f64> {

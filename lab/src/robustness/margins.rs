@@ -5,8 +5,8 @@ use nalgebra::Complex;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{Interface, Setting};
 use oqtal_observe::plot::axis::Axis;
-use oqtal_observe::plot::chart::{Mark, Plot};
-use oqtal_observe::plot::figure::{HALF, figure};
+use oqtal_observe::plot::chart::Mark;
+use oqtal_observe::plot::figure::figure;
 use oqtal_observe::plot::palette::Ink;
 use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
@@ -14,9 +14,9 @@ use serde_json::{Value, json};
 use super::frequency::{LoopResponse, Margins};
 use super::linear::LinearLoop;
 use super::probed::{self, ClosedLoops};
+use crate::identify::frequency_response::over_frequency;
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
-use crate::reproduce::figures::Figure;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 use crate::study::law::StudyLaw;
 
@@ -159,7 +159,7 @@ pub fn chapter(loops: &[LoopPair]) -> Chapter {
         title: "Margins",
         intro: INTRO.map(str::to_owned).to_vec(),
         sheets: vec![hover(loops), least(loops), table(loops)],
-        figures: figures.map(|markup| Figure { number: 0, markup }).collect(),
+        figures: figures.collect(),
     }
 }
 
@@ -290,37 +290,26 @@ fn drawn(pair: &LoopPair) -> [Markup; 3] {
     let decibels = |gain: f64| 20.0 * gain.log10();
     let title = |quantity: &str| format!("{}, {}: {quantity}", pair.law, pair.axis);
     [
-        over_frequency(&title("loop gain [dB]"), pair, |gain| decibels(gain.norm())),
-        over_frequency(&title("phase [°], from 0 to -360"), pair, |gain| {
+        both(&title("loop gain [dB]"), pair, |gain| decibels(gain.norm())),
+        both(&title("phase [°], from 0 to -360"), pair, |gain| {
             (gain.arg().to_degrees().rem_euclid(360.0)) - 360.0
         }),
-        over_frequency(&title("sensitivity [dB]"), pair, |gain| {
-            decibels((gain + 1.0).inv().norm())
-        }),
+        both(&title("sensitivity [dB]"), pair, |gain| decibels((gain + 1.0).inv().norm())),
     ]
 }
 
-const HEIGHT: u32 = 420;
-const LABEL_WIDTH: u32 = 110;
-const LINE_WIDTH: u32 = 3;
-
-fn over_frequency(title: &str, pair: &LoopPair, value: impl Fn(Complex<f64>) -> f64) -> Markup {
+/// Value of the loop gain of model and flight over frequency.
+fn both(title: &str, pair: &LoopPair, value: impl Fn(Complex<f64>) -> f64) -> Markup {
     let points = |response: &LoopResponse| -> Vec<(f64, f64)> {
         response.points.iter().map(|(hertz, gain)| (hertz.log10(), value(*gain))).collect()
     };
     let (model, flown) = (points(&pair.linear), points(&pair.flown));
     let x = model.first().map_or(-1.0, |p| p.0)..model.last().map_or(1.5, |p| p.0);
     let y = Axis::fitting(model.iter().map(|point| point.1));
-    let line = Mark::Line(Ink::Actual, LINE_WIDTH, model);
     let discs = flown.into_iter().map(|point| Mark::Disc(Ink::Second, point));
-    let plot = Plot {
-        size: (HALF, HEIGHT),
-        label_width: LABEL_WIDTH,
-        x: Axis::decades(x, |decade| format!("{} Hz", 10_f64.powi(decade))),
-        y,
-        shapes: std::iter::once(line).chain(discs).collect(),
-    };
-    figure(title, &[("model", Ink::Actual), ("flown", Ink::Second)], &plot)
+    let shapes = std::iter::once(Mark::Line(Ink::Actual, 3, model)).chain(discs).collect();
+    let legend = [("model", Ink::Actual), ("flown", Ink::Second)];
+    figure(title, &legend, &over_frequency(x, y, shapes))
 }
 
 /// The loops as JSON: frequency \[Hz\], loop gain \[dB\], phase \[deg\].

@@ -4,9 +4,6 @@ use maud::Markup;
 use oqtal_config::Setting;
 use oqtal_control::euler::EulerAngles;
 use oqtal_observe::flight::{Flight, FlightSample};
-use oqtal_observe::plot::axis::Axis;
-use oqtal_observe::plot::chart::{Mark, Plot};
-use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::Point;
 use oqtal_runtime::process::Failure;
@@ -15,7 +12,7 @@ use super::probed;
 use crate::mission::Mission;
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
-use crate::reproduce::figures::Figure;
+use crate::reproduce::figures::lines_over;
 use crate::sheet::Sheet;
 use crate::simulation;
 use crate::study::law::StudyLaw;
@@ -214,38 +211,20 @@ fn last_outside(curve: &[Point], outside: impl Fn(f64) -> bool) -> Option<f64> {
 }
 
 const INKS: [Ink; 6] = [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Sixth];
-const HEIGHT: u32 = 520;
-const LABEL_WIDTH: u32 = 110;
-const LINE_WIDTH: u32 = 3;
 
 /// Curves of an event, in figures with one law per colour.
-fn drawn((index, event): (usize, &ResponseEvent), responses: &[LawResponses]) -> Vec<Figure> {
+fn drawn((index, event): (usize, &ResponseEvent), responses: &[LawResponses]) -> Vec<Markup> {
     let with_curve: Vec<(&str, &Vec<Point>)> = responses
         .iter()
         .filter_map(|law| Some((law.law.name.as_str(), law.curves[index].as_ref()?)))
         .collect();
-    let plot = |laws: &[(&str, &Vec<Point>)]| Figure {
-        number: 0,
-        markup: over_time(&format!("Response: {}", event.title()), laws),
+    let title = format!("Response: {}", event.title());
+    let plot = |laws: &[(&str, &Vec<Point>)]| {
+        let lines = laws.iter().zip(INKS);
+        let lines = lines.map(|((name, curve), ink)| (*name, ink, (*curve).clone()));
+        lines_over(&title, " s", lines.collect())
     };
     with_curve.chunks(INKS.len()).map(plot).collect()
-}
-
-fn over_time(title: &str, laws: &[(&str, &Vec<Point>)]) -> Markup {
-    let points = || laws.iter().flat_map(|(_, curve)| curve.iter());
-    let x = Axis::fitting(points().map(|point| point.0)).range;
-    let y = Axis::fitting(points().map(|point| point.1));
-    let legend: Vec<(&str, Ink)> = laws.iter().map(|(name, _)| *name).zip(INKS).collect();
-    let lines = laws.iter().zip(INKS);
-    let lines = lines.map(|((_, curve), ink)| Mark::Line(ink, LINE_WIDTH, (*curve).clone()));
-    let plot = Plot {
-        size: (HALF, HEIGHT),
-        label_width: LABEL_WIDTH,
-        x: Axis::linear(x, 8.0, " s"),
-        y,
-        shapes: lines.collect(),
-    };
-    figure(title, &legend, &plot)
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@
 
 use std::path::Path;
 
+use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
@@ -218,10 +219,8 @@ impl PlantSpread {
 
 /// Seed of the random numbers of a key in one draw: FNV-1a over key, seed and run.
 fn stream(key: &str, seed: u64, run: u64) -> u64 {
-    let bytes = key.bytes().chain(seed.to_le_bytes()).chain(run.to_le_bytes());
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
+    let of_seed = fnv1a(fnv1a(FNV_OFFSET, key.as_bytes()), &seed.to_le_bytes());
+    fnv1a(of_seed, &run.to_le_bytes())
 }
 
 /// Sections of keys with which laws are designed.

@@ -8,8 +8,8 @@ use toml::Value;
 use super::against;
 use super::draws::Draw;
 use super::spread::{PlantSpread, SpreadKey};
-use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
-use crate::study::failure::{self, FailedFlights};
+use crate::sheet::{Sheet, SheetCell, Variant};
+use crate::study::failure::{self, Changes, FailedFlights};
 use crate::study::flights::{Test, TestEnd};
 use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METRICS, SETTLE};
 use crate::study::table::{StudyColumn, column};
@@ -108,7 +108,7 @@ pub fn failed<'a>(
     let title = "Flights that did not land as planned, or with a step that did not settle";
     let title = format!("{of}{title}");
     let sheet = Sheet::tabulate((name, &title), columns, &groups, names).as_detail();
-    let remedies = failure::remedies(&groups);
+    let remedies = failure::remedies(&groups, Changes::All);
     remedies.trim().lines().fold(sheet, |sheet, remedy| sheet.with_note(remedy.trim()))
 }
 
@@ -289,17 +289,10 @@ fn mean_of(value: &Value) -> f64 {
 
 /// Table of the spread itself.
 pub fn spread(spread: &PlantSpread) -> Sheet {
-    let row = |SpreadKey { key, form }: &SpreadKey| {
-        SheetRow::new(Variant::Ours, "all", key.clone(), vec![form.words().as_str().into()])
-    };
-    Sheet {
-        name: "spread".to_owned(),
-        title: "The spread".to_owned(),
-        notes: SPREAD_NOTES.map(str::to_owned).to_vec(),
-        columns: vec![("drawn", "drawn")],
-        rows: spread.keys.iter().map(row).collect(),
-        ..Sheet::default()
-    }
+    let columns = [column("drawn", "drawn", |it: &SpreadKey| SheetCell::Text(it.form.words()))];
+    let names = |it: &SpreadKey| ("all".to_owned(), Variant::Ours, it.key.clone());
+    let sheet = Sheet::tabulate(("spread", "The spread"), &columns, &spread.keys, names);
+    SPREAD_NOTES.into_iter().fold(sheet, Sheet::with_note)
 }
 
 const SPREAD_NOTES: [&str; 2] = [

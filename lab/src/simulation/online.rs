@@ -29,29 +29,14 @@ impl<'a> OnlineFlight<'a> {
     /// # Errors
     /// An option of the law is invalid.
     pub fn begin(mission: &'a Mission) -> Result<Self, Failure> {
-        Self::begin_recorded(mission, None)
+        Self::begin_with(mission, None, LawPort::default())
     }
 
-    /// Begins the flight of `mission`, of which every sample is passed to `recording`.
+    /// Begins the flight of `mission` with `law` as the external law; every sample is passed to `recording`.
     ///
     /// # Errors
-    /// An option of the law is invalid.
-    pub fn begin_recorded(
-        mission: &'a Mission,
-        recording: Option<McapRecorder>,
-    ) -> Result<Self, Failure> {
-        Self::begin_flight(mission, recording, LawPort::default())
-    }
-
-    /// Begins the flight of `mission`, whose `control.controller` is external, with `law`.
-    ///
-    /// # Errors
-    /// An option of the fallback law is invalid.
-    pub fn begin_with_law(mission: &'a Mission, law: LawPort<'a>) -> Result<Self, Failure> {
-        Self::begin_flight(mission, None, law)
-    }
-
-    fn begin_flight(
+    /// An option of the law, or of the fallback law, is invalid.
+    pub fn begin_with(
         mission: &'a Mission,
         recording: Option<McapRecorder>,
         law: LawPort<'a>,

@@ -89,11 +89,6 @@ fn written(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
-/// Prints the warnings of a flight of `config` on standard error.
-pub fn warn(config: &Config) {
-    say_notes(warnings(config));
-}
-
 /// The warnings of a flight of `config`; none if its trajectory cannot be read, which a flight reports.
 pub fn warnings(config: &Config) -> Vec<String> {
     let trajectory = oqtal_daemon::trajectory(config);

@@ -11,7 +11,8 @@ use super::Flown;
 use super::args::words_of;
 use super::flights::{FlightCondition, Run, Test, TestEnd, changed};
 use super::law::StudyLaw;
-use super::room::{self, Changes, SHOWN_SEEDS};
+pub use super::room::Changes;
+use super::room::{self, SHOWN_SEEDS};
 
 /// Mark of a figure that is the mean of a part of the flights.
 const MARK: &str = " *";
@@ -136,16 +137,7 @@ pub fn counts(rows: &[Flown]) -> (usize, usize) {
 }
 
 /// Changes with which the flights that needed more room would be complete, a paragraph for each trajectory; empty without any.
-pub fn remedies(groups: &[FailedFlights<'_>]) -> String {
-    remedies_of(groups, Changes::All)
-}
-
-/// The text of [`text`] for flights of a vehicle in flight.
-pub fn text_in_flight(rows: &[Flown]) -> String {
-    listed(rows, "") + &remedies_of(&failed(rows), Changes::InFlight)
-}
-
-fn remedies_of(groups: &[FailedFlights<'_>], changes: Changes) -> String {
+pub fn remedies(groups: &[FailedFlights<'_>], changes: Changes) -> String {
     let cramped = groups.iter().filter(|group| room::is_cramped(group.cause));
     room::remedies(
         cramped.map(|it| ((it.law, &it.conditions[..], it.test), is_of_fence(it.cause))),
@@ -155,7 +147,7 @@ fn remedies_of(groups: &[FailedFlights<'_>], changes: Changes) -> String {
 
 /// Text about all flights, [`listed`], and the remedies for those that needed more room.
 pub fn text(rows: &[Flown], table: &str) -> String {
-    listed(rows, table) + &remedies(&failed(rows))
+    listed(rows, table) + &remedies(&failed(rows), Changes::All)
 }
 
 /// How many of all flights landed as planned, and the others, and those with a step that did not settle, by law, test and cause.

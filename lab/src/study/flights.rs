@@ -310,11 +310,6 @@ impl TestFlights {
         configs.collect::<Result<_, Failure>>().map(Self)
     }
 
-    /// Number of flights \[-\].
-    pub(super) fn count(&self) -> usize {
-        self.0.len()
-    }
-
     /// Key of these flights in a journal: equal for equal tests, configurations and waypoints.
     pub(super) fn key(&self) -> u64 {
         self.0.iter().fold(FNV_OFFSET, |hash, (test, config)| {

@@ -36,9 +36,9 @@ fn of_test(row: &Flown, test: Test) -> Value {
     let ends = || row.runs.iter().flat_map(|run| &run.ends).filter(|end| end.test == test);
     let landed = ends().filter(|end| end.outcome == Outcome::Landed).count();
     let mut object = head(row, test);
-    object.insert("runs".to_owned(), json!(row.runs.len()));
-    object.insert("landed".to_owned(), json!(landed));
-    object.insert("as_planned".to_owned(), json!(as_planned.len()));
+    object["runs"] = json!(row.runs.len());
+    object["landed"] = json!(landed);
+    object["as_planned"] = json!(as_planned.len());
     let mut causes: Map<String, Value> = Map::new();
     for end in ends() {
         if let Some(cause) = &end.cause {
@@ -46,21 +46,20 @@ fn of_test(row: &Flown, test: Test) -> Value {
             causes.insert(cause.clone(), json!(count + 1));
         }
     }
-    object.insert("causes".to_owned(), Value::Object(causes));
+    object["causes"] = Value::Object(causes);
     for (key, index) in figures(test) {
         // A settling time that was not reached has no value.
         let values = as_planned.iter().map(|run| figure(run, index));
         let values = values.filter(|value| value.is_finite());
         let values: Vec<f64> = values.collect();
-        object.insert(key.to_owned(), spread(&values).to_json());
+        object[key] = spread(&values).to_json();
     }
-    Value::Object(object)
+    object
 }
 
-fn head(row: &Flown, test: Test) -> Map<String, Value> {
+fn head(row: &Flown, test: Test) -> Value {
     let case = failure::case_name(&row.case);
-    let head = [("controller", json!(row.law.name)), ("case", case), ("test", json!(test.name()))];
-    head.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    json!({ "controller": row.law.name, "case": case, "test": test.name() })
 }
 
 /// One object for each flight: outcome, cause if it did not land as planned, and its figures.
@@ -68,13 +67,13 @@ pub fn flights(flown: &[Flown]) -> Value {
     let of_run = |row: &Flown, seed: u64, run: &Run| -> Vec<Value> {
         let of_end = |TestEnd { test, outcome, cause }: &TestEnd| {
             let mut object = head(row, *test);
-            object.insert("seed".to_owned(), json!(seed));
-            object.insert("outcome".to_owned(), json!(outcome));
-            object.insert("cause".to_owned(), json!(cause));
+            object["seed"] = json!(seed);
+            object["outcome"] = json!(outcome);
+            object["cause"] = json!(cause);
             for (key, index) in figures(*test) {
-                object.insert(key.to_owned(), json!(figure(run, index)));
+                object[key] = json!(figure(run, index));
             }
-            Value::Object(object)
+            object
         };
         run.ends.iter().map(of_end).collect()
     };

@@ -28,11 +28,6 @@ impl<R: ?Sized> fmt::Debug for StudyColumn<'_, R> {
     }
 }
 
-/// The cells of a row.
-pub fn cells<R: ?Sized>(columns: &[StudyColumn<'_, R>], row: &R) -> Vec<SheetCell> {
-    columns.iter().map(|column| (column.cell)(row)).collect()
-}
-
 /// Mean and standard deviation of `values`, NaN of a single one; no value if there are none.
 pub fn spread(values: &[f64]) -> SheetCell {
     match values {
@@ -82,7 +77,8 @@ impl Sheet {
     ) -> Self {
         let row = |row: &R| {
             let (controller, variant, settings) = names(row);
-            SheetRow::new(variant, controller, settings, cells(columns, row))
+            let cells = columns.iter().map(|column| (column.cell)(row)).collect();
+            SheetRow::new(variant, controller, settings, cells)
         };
         Self {
             name: name.to_owned(),

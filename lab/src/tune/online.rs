@@ -39,17 +39,17 @@ const RANGE: f64 = 3.0;
 /// Weight of the command jitter relative to the error \[-\].
 const JITTER_WEIGHT: f64 = 0.5;
 
-/// Loop with its name and axis.
-pub type NamedLoop = (OuterLoop, &'static str, usize);
+/// Loop with its name.
+pub type NamedLoop = (OuterLoop, &'static str);
 
 /// Loops in the order of tuning, inner loops first.
 pub const LOOPS: [NamedLoop; 6] = [
-    (OuterLoop::VelocityZ, "V_Z", 2),
-    (OuterLoop::VelocityX, "V_X", 0),
-    (OuterLoop::VelocityY, "V_Y", 1),
-    (OuterLoop::Z, "Z", 2),
-    (OuterLoop::X, "X", 0),
-    (OuterLoop::Y, "Y", 1),
+    (OuterLoop::VelocityZ, "V_Z"),
+    (OuterLoop::VelocityX, "V_X"),
+    (OuterLoop::VelocityY, "V_Y"),
+    (OuterLoop::Z, "Z"),
+    (OuterLoop::X, "X"),
+    (OuterLoop::Y, "Y"),
 ];
 
 /// One loop, tuned in flight.
@@ -105,16 +105,16 @@ pub fn tune(
     let before = search.compare()?;
     bar.inc();
     let mut loops = Vec::new();
-    for (which, name, axis) in named.iter().copied() {
+    for (which, name) in named.iter().copied() {
         let start = configured(&mission.config.position, which);
-        let (found, bees, strayed) = search.tune((which, axis), start, &before)?;
+        let (found, bees, strayed) = search.tune(which, start, &before)?;
         loops.push(TunedLoop { name, gains: [start, found], error: [0.0; 2], bees, strayed });
         bar.inc();
     }
     let after = search.compare()?;
     bar.inc();
-    for (tuned, (which, _, axis)) in loops.iter_mut().zip(named) {
-        tuned.error = [before, after].map(|figures| figures.error(*which, *axis));
+    for (tuned, (which, _)) in loops.iter_mut().zip(named) {
+        tuned.error = [before, after].map(|figures| figures.error(*which));
     }
     let rate_hz = mission.config.loop_rate_hz();
     let flight = search.flight.finish()?;
@@ -199,10 +199,14 @@ impl WindowFigures {
     }
 
     /// Mean error of the variable controlled by a loop \[m or m/s\].
-    fn error(&self, which: OuterLoop, axis: usize) -> f64 {
+    fn error(&self, which: OuterLoop) -> f64 {
         match which {
-            OuterLoop::X | OuterLoop::Y | OuterLoop::Z => self.position[axis],
-            _ => self.velocity[axis],
+            OuterLoop::X => self.position.x,
+            OuterLoop::Y => self.position.y,
+            OuterLoop::Z => self.position.z,
+            OuterLoop::VelocityX => self.velocity.x,
+            OuterLoop::VelocityY => self.velocity.y,
+            OuterLoop::VelocityZ => self.velocity.z,
         }
     }
 }
@@ -289,7 +293,7 @@ impl<'a> OnlineSearch<'a> {
     /// flown and aborted.
     fn tune(
         &mut self,
-        (which, axis): (OuterLoop, usize),
+        which: OuterLoop,
         start: PidGains,
         before: &WindowFigures,
     ) -> Result<(PidGains, usize, usize), Failure> {
@@ -298,7 +302,7 @@ impl<'a> OnlineSearch<'a> {
         let of = |point: &[f64]| PidGains { kp: point[0].exp(), ki: point[1].exp(), ..start };
         let (mut best, mut strayed, mut failed) = ((f64::INFINITY, start), 0, None);
         let mut evaluate = |point: &Vec<f64>| {
-            let flown = self.bee((which, axis), (of(point), best.1), before);
+            let flown = self.bee(which, (of(point), best.1), before);
             let value = flown.unwrap_or_else(|failure| {
                 failed.get_or_insert(failure);
                 None
@@ -323,14 +327,14 @@ impl<'a> OnlineSearch<'a> {
     /// Objective of a bee with these gains, relative to the figures `before`; `None` if the vehicle strayed.
     fn bee(
         &mut self,
-        (which, axis): (OuterLoop, usize),
+        which: OuterLoop,
         (gains, best): (PidGains, PidGains),
         before: &WindowFigures,
     ) -> Result<Option<f64>, Failure> {
         self.flight.set_loop(which, gains)?;
         let figures = self.window(Some((which, best)))?;
         Ok(figures.map(|figures| {
-            let error = figures.error(which, axis) / before.error(which, axis);
+            let error = figures.error(which) / before.error(which);
             (error + JITTER_WEIGHT * figures.jitter / before.jitter) / (1.0 + JITTER_WEIGHT)
         }))
     }

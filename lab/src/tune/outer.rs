@@ -5,6 +5,7 @@
 //! controlled variable relative to the loop's reference, and the command jitter.
 
 use oqtal_config::Config;
+use oqtal_control::statistics::mean;
 use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_runtime::process::{Exit, Failure};
 use rayon::prelude::*;
@@ -108,20 +109,15 @@ fn figures(
 ) -> Result<[f64; 2], Failure> {
     let law = flights.law("oqtal", &settings(gains));
     let fly = |seed| {
-        let figures = |flight: Flight| [mean(&flight, error), of_hover(&flight)[1]];
+        let figures = |flight: Flight| {
+            let errors: Vec<f64> = flight.scored().map(error).collect();
+            [mean(&errors), of_hover(&flight)[1]]
+        };
         Ok(path(&law, seed)?.map_or([f64::INFINITY; 2], figures))
     };
     let all: Result<Vec<[f64; 2]>, Failure> = flights.seeds().into_par_iter().map(fly).collect();
     let all = all?;
-    let share = |i: usize| all.iter().map(|each| each[i]).sum::<f64>() / all.len() as f64;
-    Ok([share(0), share(1)])
-}
-
-/// Mean error over the scored ticks; NaN without any.
-fn mean(flight: &Flight, error: LoopError) -> f64 {
-    let (count, sum) =
-        flight.scored().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
-    sum / count
+    Ok([0, 1].map(|i| mean(&all.iter().map(|each| each[i]).collect::<Vec<_>>())))
 }
 
 #[cfg(test)]

@@ -65,39 +65,31 @@ fn plots(tuned: &Tuned) -> Markup {
     let least = points(&mut least);
     let evaluated = points(&mut objectives.iter().map(shown));
     html! {
-        (plot(&format!("objective: the best so far, and each point up to {DRAWN} times the start"), vec![
-            discs(Ink::Second, evaluated),
-            vec![Mark::Line(Ink::Actual, 3, least)],
-        ]))
+        (plot(
+            &format!("objective: the best so far, and each point up to {DRAWN} times the start"),
+            evaluated,
+            Some(least),
+        ))
         // Values that were computed, and not searched for, are the last.
         @for (k, (key, _)) in tuned.values.iter().enumerate().take(gains.first().map_or(0, Vec::len)) {
             @let values = points(&mut gains.iter().map(|gains| gains[k]));
-            (plot(key, vec![discs(Ink::Second, values)]))
+            (plot(key, values, None))
         }
     }
 }
 
-fn discs(ink: Ink, points: Vec<Point>) -> Vec<Mark> {
-    points.into_iter().map(|point| Mark::Disc(ink, point)).collect()
-}
-
-/// Plot over the number of evaluated points.
-fn plot(title: &str, marks: Vec<Vec<Mark>>) -> Markup {
-    let shapes: Vec<Mark> = marks.into_iter().flatten().collect();
-    let points = || {
-        shapes.iter().flat_map(|mark| match mark {
-            Mark::Disc(_, point) => vec![*point],
-            Mark::Line(_, _, points) => points.clone(),
-            _ => Vec::new(),
-        })
-    };
+/// Plot of a value at each evaluated point, with `line` on top.
+fn plot(title: &str, evaluated: Vec<Point>, line: Option<Vec<Point>>) -> Markup {
+    let points = || evaluated.iter().chain(line.iter().flatten());
     let last = points().map(|point| point.0).fold(1.0, f64::max);
+    let y = Axis::fitting(points().map(|point| point.1));
+    let discs = evaluated.into_iter().map(|point| Mark::Disc(Ink::Second, point));
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,
         x: Axis::linear(0.0..last, 8.0, ""),
-        y: Axis::fitting(points().map(|point| point.1).filter(|value| value.is_finite())),
-        shapes: shapes.clone(),
+        y,
+        shapes: discs.chain(line.map(|line| Mark::Line(Ink::Actual, 3, line))).collect(),
     };
     figure(title, &[], &plot)
 }

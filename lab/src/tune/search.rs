@@ -17,7 +17,7 @@ pub use super::tuned::{Budget, SearchPath, Tuned, settings};
 use crate::progress::Progress;
 use crate::robustness::draws::Draw;
 use crate::study::args::say_notes;
-use crate::study::failure::{self, counts};
+use crate::study::failure::{self, Changes, counts};
 use crate::study::flights::{AUTHORITY, Change, DELAY, NOMINAL, PlantVariant, RATE_LAG, Test};
 use crate::study::gains::tuned;
 use crate::study::law::StudyLaw;
@@ -176,10 +176,8 @@ impl TrainingFlights {
     /// Text on the failed flights of `flown`, with remedies that can be applied.
     fn failures(&self, flown: &Flown) -> String {
         let rows = slice::from_ref(flown);
-        match self.live_keys_only {
-            true => failure::text_in_flight(rows),
-            false => failure::text(rows, ""),
-        }
+        let changes = if self.live_keys_only { Changes::InFlight } else { Changes::All };
+        failure::listed(rows, "") + &failure::remedies(&failure::failed(rows), changes)
     }
 }
 

@@ -1,15 +1,15 @@
 //! Figures that a search traded: each component of the objective, and the margins in hover, before and after.
 
 use oqtal_observe::plot::unit::rounded;
-use serde_json::{Value, json};
 
 use crate::robustness::frequency::Margins;
 use crate::robustness::margins::in_hover;
-use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
+use crate::sheet::{Sheet, SheetCell, Variant};
 use crate::study::Flown;
 use crate::study::args::say_notes;
 use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, JITTER, METRIC};
+use crate::study::table::column;
 
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
@@ -28,7 +28,7 @@ pub fn default_weights() -> MetricWeights {
 /// A figure before and after a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TradedFigure {
-    /// Name in JSON.
+    /// Name in `--weights`.
     pub key: &'static str,
     /// Name with unit.
     pub title: &'static str,
@@ -111,32 +111,23 @@ pub fn margins(before: &StudyLaw, after: &StudyLaw) -> Vec<TradedFigure> {
 
 /// Table of the components; `is_of_draws` if they are those of the draws of a spread.
 pub fn sheet(components: &[TradedFigure], is_of_draws: bool) -> Sheet {
-    let row = |component: &TradedFigure| {
-        let weight = component.weight.map_or(SheetCell::None, SheetCell::Number);
-        let [before, after] = [0, 1].map(|is_after| SheetCell::Text(component.shown(is_after)));
-        let change = component.change();
-        let change = change.map(|change| SheetCell::Text(format!("{:+.1} %", 1e2 * change)));
-        let cells = vec![weight, before, after, change.unwrap_or(SheetCell::None)];
-        SheetRow::new(Variant::Ours, component.title, "", cells)
-    };
+    let shown = |is_after: usize| move |it: &TradedFigure| SheetCell::Text(it.shown(is_after));
+    let columns = [
+        column("weight", "weight", |it: &TradedFigure| it.weight),
+        column("before", "before", shown(0)),
+        column("after", "after", shown(1)),
+        column("change", "change", |it: &TradedFigure| {
+            it.change().map(|change| SheetCell::Text(format!("{:+.1} %", 1e2 * change)))
+        }),
+    ];
     let title = match is_of_draws {
         false => "Components of the objective, and margins in hover".to_owned(),
         true => format!(
             "Components of the objective, quadratic means in which a flight that does not land counts as {WORST_SHARE} times the reference, and margins in hover"
         ),
     };
-    Sheet {
-        name: "trade".to_owned(),
-        title,
-        columns: vec![
-            ("weight", "weight"),
-            ("before", "before"),
-            ("after", "after"),
-            ("change", "change"),
-        ],
-        rows: components.iter().map(row).collect(),
-        ..Sheet::default()
-    }
+    let names = |it: &TradedFigure| (it.title.to_owned(), Variant::Ours, String::new());
+    Sheet::tabulate(("trade", &title), &columns, components, names)
 }
 
 /// Way to gains with more margin, of a law on the predictive stack or on the default one. On the predictive stack, less jitter is
@@ -203,12 +194,6 @@ pub fn parse_weights(texts: &[String]) -> Result<MetricWeights, String> {
         true => Ok(weights),
         false => Err("all weights are 0; give at least one above 0".to_owned()),
     }
-}
-
-/// The components as JSON.
-pub fn to_json(components: &[TradedFigure]) -> Value {
-    let object = |c: &TradedFigure| json!({ "key": c.key, "weight": c.weight, "before": c.values[0], "after": c.values[1] });
-    components.iter().map(object).collect()
 }
 
 #[cfg(test)]

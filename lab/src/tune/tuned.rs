@@ -137,17 +137,19 @@ impl Tuned {
     }
 
     /// Gains as a configuration file: those found, and of the settings `common` of the search those of the law and the position
-    /// loops. `note` is a comment after the first line; empty for none.
-    pub fn to_toml(&self, common: &[&Setting], note: &str) -> String {
+    /// loops, except those of environment variables, which apply to every command. `note` is a comment after the first line; empty
+    /// for none.
+    pub fn to_toml(&self, common: &[Setting], note: &str) -> String {
         let law = Some(&self.target).filter(|target| *target != "outer");
         let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
         let gains = self.values.iter().map(|(key, value)| (key.as_str(), format!("{value:?}")));
         let own: Vec<_> = law.into_iter().chain(gains).collect();
         // The last setting of a key takes precedence.
         let mut lines: BTreeMap<&str, String> = BTreeMap::new();
-        let is_kept = |setting: &&&Setting| {
+        let is_kept = |setting: &&Setting| {
             let is_of_law = ["control.", "position."].iter().any(|s| setting.key.starts_with(s));
-            is_of_law && own.iter().all(|(key, _)| *key != setting.key)
+            let is_variable = setting.origin.starts_with("OQTAL_");
+            is_of_law && !is_variable && own.iter().all(|(key, _)| *key != setting.key)
         };
         for setting in common.iter().filter(is_kept) {
             lines.insert(&setting.key, setting.value.to_string());
@@ -217,7 +219,7 @@ mod tests {
             Setting::flag("--set", "position.velocity-integral-limit-m-s2", 4.0),
             Setting::flag("--set", "control.lqr.attitude-weight", 1.0),
         ];
-        let text = tuned.to_toml(&common.each_ref(), "a note");
+        let text = tuned.to_toml(&common, "a note");
         assert!(text.contains("\n# a note\n"), "{text}");
         std::fs::write(&file, text).unwrap();
         let config = oqtal_config::Config::load(std::slice::from_ref(&file), &[]).unwrap();

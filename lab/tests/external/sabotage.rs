@@ -7,6 +7,7 @@ use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_daemon::ExternalLaw;
 
 use super::pd::PositionPd;
+use crate::Draw;
 
 /// A room of 7 m by 7 m, a vehicle that differs from its model.
 pub const ROOM: &[&str] = &[
@@ -84,22 +85,11 @@ impl Sabotage {
     ];
 }
 
-/// Uniform random numbers, by a linear congruential generator of 64 bits.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self, low: f64, high: f64) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        low + (high - low) * (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
-
 /// A PD law that fails.
 pub struct Saboteur {
     law: PositionPd,
     sabotage: Sabotage,
-    random: Random,
+    random: Draw,
     /// Question from which on the law fails.
     from: u64,
     /// Direction and size of the failure.
@@ -110,15 +100,16 @@ pub struct Saboteur {
 
 impl Saboteur {
     pub fn new(sabotage: Sabotage, seed: usize) -> Self {
-        let mut random = Random(seed as u64 * 977 + sabotage as u64 + 1);
+        let mut random = Draw(seed as u64 * 977 + sabotage as u64 + 1);
         for _ in 0..8 {
-            random.next(0.0, 1.0);
+            random.next();
         }
         // Flight of the law: from 2.5 s on.
-        let from = random.next(160.0, 560.0) as u64;
-        let angle = random.next(0.0, TAU);
-        let direction = Vector3::new(angle.cos(), angle.sin(), random.next(-0.5, 0.5)).normalize();
-        let size = random.next(0.1, 1.0);
+        let from = random.between(160.0, 560.0) as u64;
+        let angle = random.between(0.0, TAU);
+        let direction =
+            Vector3::new(angle.cos(), angle.sin(), random.between(-0.5, 0.5)).normalize();
+        let size = random.between(0.1, 1.0);
         Self {
             law: PositionPd::default(),
             sabotage,
@@ -193,8 +184,8 @@ impl Saboteur {
             Sabotage::ConstantBias => turned(rate + direction * size * most),
             Sabotage::Noise => {
                 let random = &mut self.random;
-                let rate = Vector3::from_fn(|_, _| random.next(-most, most) * size);
-                ExternalV1 { rate: rate.into(), ..lifted(good.thrust * random.next(0.5, 1.5)) }
+                let rate = Vector3::from_fn(|_, _| random.between(-most, most) * size);
+                ExternalV1 { rate: rate.into(), ..lifted(good.thrust * random.between(0.5, 1.5)) }
             }
             Sabotage::FullThrust => lifted(f64::INFINITY),
             Sabotage::NoThrust => lifted(0.0),

@@ -31,7 +31,7 @@ impl ExternalLaw for Attitudes {
 fn f70_a_law_that_fails_while_it_flies_a_prescribed_attitude_is_followed_by_a_stop() {
     let mission = hover(20.0, &["control.controller=external"]);
     let law = LawPort::of(Attitudes(40));
-    let mut flight = OnlineFlight::begin_with_law(&mission, law).unwrap();
+    let mut flight = OnlineFlight::begin_with(&mission, None, law).unwrap();
     fly_for(&mut flight, 8.0);
     let period = Span::from_millis(20);
     flight.pause_every(period);

@@ -62,7 +62,7 @@ impl ExternalLaw for Returning {
 fn f70_a_law_that_is_gone_cannot_be_given_control_and_neither_can_the_next_one_by_that_request() {
     let mission = hover(20.0, &["control.controller=external", "external.return-answers=0"]);
     let law = LawPort::of(Returning(480, 720));
-    let mut flight = OnlineFlight::begin_with_law(&mission, law).unwrap();
+    let mut flight = OnlineFlight::begin_with(&mission, None, law).unwrap();
     let state = |flight: &OnlineFlight| {
         let tick = last(flight);
         (tick.fallback, HandoverCause::from_code(tick.handover_cause).unwrap())
@@ -92,7 +92,7 @@ fn f70_a_law_that_first_connects_in_flight_returns_like_one_that_failed() {
         let returns = format!("external.return-answers={answers}");
         let mission = hover(20.0, &["control.controller=external", &returns]);
         let law = LawPort::of(Returning(0, 600));
-        let mut flight = OnlineFlight::begin_with_law(&mission, law).unwrap();
+        let mut flight = OnlineFlight::begin_with(&mission, None, law).unwrap();
         let is_absent = |it: &TelemetryV1| it.handover_cause == HandoverCause::Absent.code();
         fly_for(&mut flight, 15.0);
         let ticks: Vec<_> = flight.samples().iter().map(|sample| sample.telemetry).collect();
@@ -118,7 +118,7 @@ fn f70_gains_that_are_set_do_not_change_the_fallback_of_an_external_law() {
     let gain = request("control.geometric.attitude-gain=30");
     let flown = |sets: bool| {
         let law = LawPort::of(Returning(0, u64::MAX));
-        let mut flight = OnlineFlight::begin_with_law(&mission, law).unwrap();
+        let mut flight = OnlineFlight::begin_with(&mission, None, law).unwrap();
         fly_for(&mut flight, 7.0);
         if sets {
             assert!(is_done(&flight.change(OperatorCommand::Set, &gain).unwrap().unwrap()));

@@ -8,8 +8,8 @@ use oqtal_bus::time::Span;
 use oqtal_lab::simulation::online::OnlineFlight;
 use oqtal_observe::flight::Outcome;
 
-use super::requests::Draw;
 use super::{fly_for, goto, hover, last, request};
+use crate::Draw;
 
 /// Greatest acceleration of a planner \[m/s^2\], and the distance from the flown reference at which it begins again \[m\].
 const ACCELERATION_M_S2: f64 = 4.0;
@@ -67,12 +67,11 @@ struct Planner {
 impl Planner {
     fn new(draw: &mut Draw, position: Vector3<f64>) -> Self {
         use Manner::{Alternates, Attitudes, Honest, Jumps, Reverses, WrongDerivatives};
-        let within = |draw: &mut Draw, low: f64, high: f64| low + (high - low) * draw.next();
         Self {
             manner: draw.one(&[Honest, WrongDerivatives, Jumps, Attitudes, Alternates, Reverses]),
             target: Vector3::from_fn(|axis, _| match axis {
-                2 => within(draw, -1.0, 3.0),
-                _ => within(draw, -5.0, 5.0),
+                2 => draw.between(-1.0, 3.0),
+                _ => draw.between(-5.0, 5.0),
             }),
             speed_m_s: draw.one(&[0.3, 0.7, 1.2, 2.0, 2.4]),
             period: Span::from_seconds(1.0 / draw.one(&[10.0, 60.0, 240.0])),
@@ -174,12 +173,12 @@ fn change(draw: &mut Draw, flight: &mut OnlineFlight<'_>) -> Option<String> {
             Some("hover".to_owned())
         }
         2 => {
-            let name = draw.of(&["circle", "square", "lemniscate", "step"]);
+            let name = draw.one(&["circle", "square", "lemniscate", "step"]);
             ask(OperatorCommand::Trajectory, &request(name));
             Some(name.to_owned())
         }
         3 => {
-            let setting = draw.of(&SETTINGS);
+            let setting = draw.one(&SETTINGS);
             ask(OperatorCommand::Set, &request(setting));
             Some(setting.to_owned())
         }
@@ -194,8 +193,8 @@ fn change(draw: &mut Draw, flight: &mut OnlineFlight<'_>) -> Option<String> {
 /// Flies the flight of `seed`; returns its course unless the vehicle lands.
 fn lost(seed: u64) -> Option<String> {
     let mut draw = Draw(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 77);
-    let law = format!("control.controller={}", draw.of(&LAWS));
-    let (room, vehicle) = (draw.of(&ROOMS), draw.of(&VEHICLES));
+    let law = format!("control.controller={}", draw.one(&LAWS));
+    let (room, vehicle) = (draw.one(&ROOMS), draw.one(&VEHICLES));
     let own = [law.as_str(), "trajectory.height-m=0.8", "reference.land-after-ms=1500"];
     let more = room.split_whitespace().chain(vehicle.split_whitespace());
     let settings: Vec<_> = own.into_iter().chain(more).collect();

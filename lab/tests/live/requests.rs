@@ -6,32 +6,14 @@ use oqtal_bus::code::{Mode, OperatorCommand};
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::Span;
 use oqtal_config::Config;
-use oqtal_daemon::SlewLimits;
+use oqtal_daemon::{LawPort, SlewLimits};
 use oqtal_lab::replay::{RecordedWaypoints, replay};
 use oqtal_lab::simulation::online::OnlineFlight;
 use oqtal_observe::flight::Outcome;
 use oqtal_observe::recording::{InputHistory, RecordingFile, play};
 
 use super::{error_m, fly_for, goto, hover, is_done, last, recorder, request};
-
-/// A random number in 0..1, from a linear congruential generator with a stable sequence.
-pub(super) struct Draw(pub(super) u64);
-
-impl Draw {
-    pub(super) fn next(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub(super) fn of<'a>(&mut self, texts: &[&'a str]) -> &'a str {
-        self.one(texts)
-    }
-
-    pub(super) fn one<T: Copy>(&mut self, values: &[T]) -> T {
-        values[(self.next() * values.len() as f64) as usize]
-    }
-}
+use crate::Draw;
 
 /// A request, and the text that its refusal must contain; an empty one for a valid request.
 type Drawn = (OperatorCommand, ControlRequestV1, &'static str);
@@ -78,7 +60,7 @@ fn draw_law(draw: &mut Draw, is_valid: bool) -> Drawn {
     if !is_valid {
         return (OperatorCommand::Set, request("control.controller=best"), "control.controller");
     }
-    let law = draw.of(&["pid", "lqr", "oqtal", "geometric", "oqtal-dt"]);
+    let law = draw.one(&["pid", "lqr", "oqtal", "geometric", "oqtal-dt"]);
     (OperatorCommand::Set, request(&format!("control.controller={law}")), "")
 }
 
@@ -145,7 +127,8 @@ fn a_thousand_random_requests_leave_the_command_in_range_and_replay_bit_for_bit(
     let mission = hover(100.0, &[]);
     let config = &mission.config;
     let recorder = recorder(&mission, &path);
-    let mut flight = OnlineFlight::begin_recorded(&mission, Some(recorder)).unwrap();
+    let mut flight =
+        OnlineFlight::begin_with(&mission, Some(recorder), LawPort::default()).unwrap();
     fly_for(&mut flight, 7.0);
     flight.pause_every(Span::from_millis(50));
     let refused = send_at_random(&mut flight, 1000, directory.path());

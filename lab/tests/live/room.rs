@@ -7,8 +7,8 @@ use oqtal_bus::time::Span;
 use oqtal_lab::simulation::online::OnlineFlight;
 use oqtal_observe::flight::Outcome;
 
-use super::requests::Draw;
 use super::{fly_for, goto, hover, is_done, last, request};
+use crate::Draw;
 
 /// A room of 5 m by 5 m by 3 m.
 const ROOM: [&str; 4] = [
@@ -227,7 +227,7 @@ fn f47_requests_and_planners_at_random_in_a_small_room_lose_no_vehicle() {
                 let (command, request) = match (8.0 * draw.next()) as u32 {
                     0 => (OperatorCommand::Goto, goto(point)),
                     1 => (OperatorCommand::Hover, of(OperatorCommand::Hover)),
-                    2 => (OperatorCommand::Set, request(draw.of(&sets))),
+                    2 => (OperatorCommand::Set, request(draw.one(&sets))),
                     _ => {
                         wild(&mut draw, flight);
                         continue;

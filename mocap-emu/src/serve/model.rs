@@ -1,7 +1,9 @@
 //! Served bodies: names, markers in body axes, and positions of the markers in a frame.
 
+use std::net::Ipv4Addr;
+
 use oqtal_wire::motion::{BodySample, MarkerSample};
-use oqtal_wire::natnet::BodyDefinition;
+use oqtal_wire::natnet::{BodyDefinition, NatNetServerOptions, NatNetVersion};
 use oqtal_wire::qtm::{QtmBody, QtmParameters, QtmPoint};
 
 /// Greatest number of bodies \[-\].
@@ -53,14 +55,20 @@ impl BodyModels {
         }
     }
 
-    /// The definitions of a NatNet server; numbers from 1.
-    pub fn to_natnet(&self) -> Vec<BodyDefinition> {
+    /// The options of a NatNet server of this version that sends frames to the group `multicast`; numbers of bodies from 1.
+    pub fn to_natnet(
+        &self,
+        version: NatNetVersion,
+        multicast: Option<Ipv4Addr>,
+    ) -> NatNetServerOptions {
         let definition = |(id, name): (i32, &String)| BodyDefinition {
             name: name.clone(),
             id,
             markers_m: MARKERS_M.to_vec(),
         };
-        (1..).zip(&self.names).map(definition).collect()
+        let bodies = (1..).zip(&self.names).map(definition).collect();
+        let rate_hz = self.rate_hz as f32;
+        NatNetServerOptions { version, multicast, rate_hz, bodies, ..Default::default() }
     }
 
     /// The markers of a frame; markers of an untracked body are untracked.

@@ -1,25 +1,15 @@
 //! Socket of the NatNet server: requests, and frames by multicast and unicast.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, SocketAddr, UdpSocket};
 
 use oqtal_bus::time::Time;
 use oqtal_runtime::process::Failure;
 use oqtal_wire::motion::MotionFrame;
-use oqtal_wire::natnet::{NatNetServer, NatNetServerOptions, NatNetVersion};
+use oqtal_wire::natnet::{NatNetServer, NatNetServerOptions};
 use rustix::event::{PollFd, PollFlags};
 
 use super::address::{datagrams, for_each_datagram};
-use super::model::BodyModels;
 use super::server::{Endpoint, FrameServer};
-
-/// Settings of the NatNet server.
-#[derive(Clone, Copy, Debug)]
-pub struct NatNetSettings {
-    /// Version of the protocol.
-    pub version: NatNetVersion,
-    /// Group of frames by multicast; `None` for unicast alone.
-    pub multicast: Option<Ipv4Addr>,
-}
 
 /// The NatNet server.
 #[derive(Debug)]
@@ -36,26 +26,14 @@ pub struct NatNetSocket {
 }
 
 impl NatNetSocket {
-    /// Opens the server: requests at `port`, frames by multicast to the next port.
-    pub fn open(
-        ip: IpAddr,
-        port: u16,
-        settings: NatNetSettings,
-        models: &BodyModels,
-    ) -> Result<Self, Failure> {
+    /// Opens the server of `options`: requests at `port`, frames by multicast to the next port, whatever `options.data_port` is.
+    pub fn open(ip: IpAddr, port: u16, mut options: NatNetServerOptions) -> Result<Self, Failure> {
         let socket = datagrams("natnet", SocketAddr::new(ip, port))?;
         let port = socket.local_addr().map_or(port, |address| address.port());
-        let data_port = port.saturating_add(1);
+        options.data_port = port.saturating_add(1);
         let frames = datagrams("natnet", SocketAddr::new(ip, 0))?;
         // Both sockets are bound to the served address, so frames leave by its interface.
-        let group = settings.multicast.map(|group| SocketAddr::from((group, data_port)));
-        let options = NatNetServerOptions {
-            version: settings.version,
-            multicast: settings.multicast,
-            data_port,
-            rate_hz: models.rate_hz() as f32,
-            bodies: models.to_natnet(),
-        };
+        let group = options.multicast.map(|group| SocketAddr::from((group, options.data_port)));
         Ok(Self {
             socket,
             frames,

@@ -9,7 +9,6 @@ use oqtal_wire::natnet::NatNetVersion;
 use super::address::local_address;
 use super::feed::{FrameFeed, frame_queue};
 use super::model::{BodyModels, MAX_BODIES};
-use super::natnet_server::NatNetSettings;
 use super::network::NetworkThread;
 use super::spec::ServeSpec;
 use super::trouble::NetworkTrouble;
@@ -25,13 +24,12 @@ pub fn open(
 ) -> Result<(FrameFeed, NetworkThread), Failure> {
     let spec: ServeSpec = options.protocols.parse()?;
     let ip = local_address(&options.listen)?;
-    let settings = NatNetSettings {
-        version: natnet_version(&options.natnet_version)?,
-        multicast: multicast(&options.multicast)?,
-    };
+    let (version, multicast) =
+        (natnet_version(&options.natnet_version)?, multicast(&options.multicast)?);
     check_bodies(bodies)?;
     let models = BodyModels::new(bodies, rate_hz);
-    let servers = spec.open(ip, settings, &models)?;
+    let natnet = models.to_natnet(version, multicast);
+    let servers = spec.open(ip, natnet, &models)?;
     let (feed, queue) = frame_queue()?;
     let trouble = NetworkTrouble::new(options, seed);
     Ok((feed, NetworkThread::new((servers, trouble), queue, models)))

@@ -4,13 +4,13 @@ use std::net::IpAddr;
 use std::str::FromStr;
 
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_wire::natnet::COMMAND_PORT;
+use oqtal_wire::natnet::{COMMAND_PORT, NatNetServerOptions};
 use oqtal_wire::qtm::LITTLE_ENDIAN_PORT;
 use oqtal_wire::vrpn::VRPN_PORT;
 
 use super::address::port_after;
 use super::model::BodyModels;
-use super::natnet_server::{NatNetSettings, NatNetSocket};
+use super::natnet_server::NatNetSocket;
 use super::qtm_server::QtmServer;
 use super::server::FrameServer;
 use super::vrpn_server::VrpnServer;
@@ -62,7 +62,7 @@ impl ServeSpec {
     pub(super) fn open(
         &self,
         ip: IpAddr,
-        natnet: NatNetSettings,
+        natnet: NatNetServerOptions,
         models: &BodyModels,
     ) -> Result<Vec<Box<dyn FrameServer>>, Failure> {
         let mut servers: Vec<Box<dyn FrameServer>> = Vec::new();
@@ -73,7 +73,7 @@ impl ServeSpec {
             servers.push(Box::new(VrpnServer::open(ip, port, models)?));
         }
         if let Some(port) = self.natnet {
-            servers.push(Box::new(NatNetSocket::open(ip, port, natnet, models)?));
+            servers.push(Box::new(NatNetSocket::open(ip, port, natnet)?));
         }
         Ok(servers)
     }

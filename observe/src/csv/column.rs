@@ -1,14 +1,31 @@
-//! The ticks of a flight as columns.
+//! Cells of a table, and its columns.
 
-use super::row::CellSink;
+use std::fmt;
 
-/// A column.
+/// Cell of a row.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TelemetryColumn {
-    /// Name, with the unit.
-    pub name: &'static str,
-    /// Values, one for each tick.
-    pub values: ColumnValues,
+pub enum FieldCell {
+    /// A count, a code, a flag, or an instant \[ns\].
+    Count(u64),
+    /// A span of time \[ns\].
+    Signed(i64),
+    /// A number \[unit in the column's name\]; NaN if unknown.
+    Number(f64),
+    /// A text; empty for a code unknown to this version.
+    Text(String),
+}
+
+impl fmt::Display for FieldCell {
+    /// Writes a number as the shortest decimal that reproduces it exactly, an unknown one as nothing.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Count(count) => write!(f, "{count}"),
+            Self::Signed(number) => write!(f, "{number}"),
+            Self::Number(number) if number.is_nan() => Ok(()),
+            Self::Number(number) => write!(f, "{number}"),
+            Self::Text(text) => f.write_str(text),
+        }
+    }
 }
 
 /// The values of a column.
@@ -24,53 +41,21 @@ pub enum ColumnValues {
     Words(Vec<String>),
 }
 
-/// Collects the cells of rows by column.
-pub(super) struct ColumnSink {
-    columns: Vec<TelemetryColumn>,
-    /// Index of the column of the next cell.
-    next: usize,
-}
+impl ColumnValues {
+    /// A column without values; the first cell decides their kind.
+    pub(crate) const EMPTY: Self = Self::Numbers(Vec::new());
 
-impl ColumnSink {
-    /// Columns without rows; the first row decides the kinds of their values.
-    pub(super) fn new(names: impl Iterator<Item = &'static str>) -> Self {
-        let column = |name| TelemetryColumn { name, values: ColumnValues::Numbers(Vec::new()) };
-        Self { columns: names.map(column).collect(), next: 0 }
-    }
-
-    pub(super) fn begin_row(&mut self) {
-        self.next = 0;
-    }
-
-    pub(super) fn into_columns(self) -> Vec<TelemetryColumn> {
-        self.columns
-    }
-
-    /// The values of the column of the next cell.
-    fn values(&mut self) -> &mut ColumnValues {
-        self.next += 1;
-        &mut self.columns[self.next - 1].values
-    }
-}
-
-impl CellSink for ColumnSink {
-    fn number(&mut self, value: f64) {
-        if let ColumnValues::Numbers(numbers) = self.values() {
-            numbers.push(value);
-        }
-    }
-
-    fn count(&mut self, value: u64) {
-        match self.values() {
-            ColumnValues::Counts(counts) => counts.push(value),
-            values => *values = ColumnValues::Counts(vec![value]),
-        }
-    }
-
-    fn word(&mut self, word: String) {
-        match self.values() {
-            ColumnValues::Words(words) => words.push(word),
-            values => *values = ColumnValues::Words(vec![word]),
+    /// Appends the value of `cell`.
+    pub(crate) fn push(&mut self, cell: FieldCell) {
+        match (self, cell) {
+            (Self::Numbers(numbers), FieldCell::Number(number)) => numbers.push(number),
+            (Self::Counts(counts), FieldCell::Count(count)) => counts.push(count),
+            (Self::Signed(numbers), FieldCell::Signed(number)) => numbers.push(number),
+            (Self::Words(words), FieldCell::Text(text)) => words.push(text),
+            (empty, FieldCell::Number(number)) => *empty = Self::Numbers(vec![number]),
+            (empty, FieldCell::Count(count)) => *empty = Self::Counts(vec![count]),
+            (empty, FieldCell::Signed(number)) => *empty = Self::Signed(vec![number]),
+            (empty, FieldCell::Text(text)) => *empty = Self::Words(vec![text]),
         }
     }
 }

@@ -5,6 +5,7 @@ use oqtal_bus::message::{TelemetryV1, TruthV1};
 use oqtal_bus::time::Time;
 use oqtal_control::trajectory::Phase;
 
+use super::column::FieldCell;
 use crate::flight::{AppliedCommand, FlightSample};
 use crate::latency::{HOPS, hops, sensor_to_actuator};
 
@@ -19,44 +20,35 @@ pub struct Row<'a> {
     pub origin: Time,
 }
 
-/// Receiver of the cells of a row, in the order of the columns.
-pub trait CellSink {
-    /// Receives a number; NaN for an unknown one.
-    fn number(&mut self, value: f64);
+/// Cells, added in groups.
+#[derive(Default)]
+struct Cells(Vec<FieldCell>);
 
-    /// Receives a count.
-    fn count(&mut self, value: u64);
-
-    /// Receives a word; an empty one for a code unknown to this version.
-    fn word(&mut self, word: String);
-}
-
-/// A receiver, with cells passed in groups.
-struct Cells<'a, S>(&'a mut S);
-
-impl<S: CellSink> Cells<'_, S> {
+impl Cells {
     fn numbers<const N: usize>(&mut self, values: [f64; N]) {
-        values.into_iter().for_each(|value| self.0.number(value));
+        self.0.extend(values.map(FieldCell::Number));
     }
 
     fn counts<const N: usize>(&mut self, values: [u64; N]) {
-        values.into_iter().for_each(|value| self.0.count(value));
+        self.0.extend(values.map(FieldCell::Count));
     }
 
     fn word(&mut self, word: Option<impl ToString>) {
-        self.0.word(word.map_or_else(String::new, |word| word.to_string()));
+        let text = word.map_or_else(String::new, |word| word.to_string());
+        self.0.push(FieldCell::Text(text));
     }
 }
 
 impl Row<'_> {
-    /// Passes the cells of the row to `sink`.
-    pub fn write(&self, sink: &mut impl CellSink) {
-        let mut cells = Cells(sink);
+    /// The cells of the row, in the order of the columns.
+    pub fn cells(&self) -> Vec<FieldCell> {
+        let mut cells = Cells::default();
         self.tick(&mut cells);
         self.motion(&mut cells);
         self.command(&mut cells);
         self.filter(&mut cells);
         self.applied(&mut cells);
+        cells.0
     }
 
     fn telemetry(&self) -> &TelemetryV1 {
@@ -68,7 +60,7 @@ impl Row<'_> {
         if at.is_set() { at.since(self.origin).seconds() } else { f64::NAN }
     }
 
-    fn tick(&self, cells: &mut Cells<'_, impl CellSink>) {
+    fn tick(&self, cells: &mut Cells) {
         let t = self.telemetry();
         cells.numbers([self.seconds(t.time)]);
         cells.word(Mode::from_code(t.mode));
@@ -81,7 +73,7 @@ impl Row<'_> {
         cells.counts([t.scored, t.fresh, t.saturated].map(u64::from));
     }
 
-    fn motion(&self, cells: &mut Cells<'_, impl CellSink>) {
+    fn motion(&self, cells: &mut Cells) {
         let t = self.telemetry();
         cells.numbers(t.position);
         cells.numbers(t.velocity);
@@ -104,7 +96,7 @@ impl Row<'_> {
         cells.numbers([t.reference_yaw]);
     }
 
-    fn command(&self, cells: &mut Cells<'_, impl CellSink>) {
+    fn command(&self, cells: &mut Cells) {
         let t = self.telemetry();
         cells.numbers(t.velocity_command);
         cells.numbers(t.attitude_command);
@@ -121,7 +113,7 @@ impl Row<'_> {
         cells.counts([t.command_sequence]);
     }
 
-    fn filter(&self, cells: &mut Cells<'_, impl CellSink>) {
+    fn filter(&self, cells: &mut Cells) {
         let t = self.telemetry();
         cells.numbers(t.pose_position);
         cells.numbers(t.pose_attitude);
@@ -143,7 +135,7 @@ impl Row<'_> {
     }
 
     /// Adds the hops of the command and their sum \[us\], and the battery voltage \[V\].
-    fn applied(&self, cells: &mut Cells<'_, impl CellSink>) {
+    fn applied(&self, cells: &mut Cells) {
         let mut spans_us = [f64::NAN; HOPS.len() + 1];
         if let Some((command, spans)) = self.applied.and_then(|c| Some((c, hops(&c.stamps)?))) {
             let whole = sensor_to_actuator(&command.stamps, command.onward);

@@ -39,7 +39,7 @@ pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
 }
 
 /// Figure whose values a script can read, on a time axis if `is_time`.
-fn readable(title: &str, legend: &[(&str, Ink)], (plot, is_time): (&Plot, bool)) -> Markup {
+fn readable(title: &str, legend: &[(&str, Ink)], plot: &Plot, is_time: bool) -> Markup {
     let instant = |shape: &Mark| match shape {
         Mark::Instant(at) => Some(*at),
         _ => None,
@@ -103,7 +103,7 @@ pub fn over_time(title: &str, traces: Vec<Trace>, span: &TimeSpan) -> Markup {
         y: Axis::fitting(values),
         shapes: bands.chain(instants).chain(lines(traces)).collect(),
     };
-    readable(title, &legend, (&plot, true))
+    readable(title, &legend, &plot, true)
 }
 
 /// A figure of paths in a plane in equal scale, with marked points on top.
@@ -118,7 +118,7 @@ pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
         .flat_map(|mark| mark.points.into_iter().map(move |at| Mark::Disc(mark.ink, at)));
     let shapes = lines(paths).chain(discs).collect();
     let plot = Plot { size: (HALF, PATH_HEIGHT), label_width: LABEL_WIDTH, x, y, shapes };
-    readable(title, &legend, (&plot.with_equal_scale(), false))
+    readable(title, &legend, &plot.with_equal_scale(), false)
 }
 
 fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Mark> {

@@ -13,22 +13,31 @@ use crate::latency::ANSWER;
 use crate::summary::Summary;
 use crate::{report, table};
 
+/// Passes a tick to `recorder`, and the truth of its instant: a level vehicle at this height \[m, world z\].
+fn fly(recorder: &mut Recorder, telemetry: &TelemetryV1, height_m: f64) {
+    let time = telemetry.time;
+    let reception = Reception { received_at: time, ..Reception::default() };
+    recorder.sample(&reception, Sample::Telemetry(telemetry));
+    let (position, attitude) = ([0.0, 0.0, height_m], [0.0, 0.0, 0.0, 1.0]);
+    let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
+    recorder.sample(&reception, Sample::Truth(&truth));
+}
+
 /// The flight of a daemon that reports `states`, one tick of 20 ms each, with truth in the first `true_ticks` of them.
 fn recorded(states: &[SafetyState], true_ticks: usize) -> Recorder {
     let mut recorder = Recorder::new(&Config::default());
     for (k, state) in states.iter().enumerate() {
         let time = Time::VIRTUAL_START + Span::from_millis(20).scaled(k as f64);
-        let reception = Reception { received_at: time, ..Reception::default() };
         let is_stopped = *state == SafetyState::Stop;
         let mode = if is_stopped { Mode::Disarmed } else { Mode::Flying };
         let (mode, state) = (mode.code(), state.code());
         let position = [0.0, 0.0, 1.0];
         let telemetry = TelemetryV1 { time, mode, state, position, ..TelemetryV1::default() };
-        recorder.sample(&reception, Sample::Telemetry(&telemetry));
-        let attitude = [0.0, 0.0, 0.0, 1.0];
-        let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
         if k < true_ticks {
-            recorder.sample(&reception, Sample::Truth(&truth));
+            fly(&mut recorder, &telemetry, position[2]);
+        } else {
+            let reception = Reception { received_at: time, ..Reception::default() };
+            recorder.sample(&reception, Sample::Telemetry(&telemetry));
         }
     }
     recorder
@@ -46,11 +55,7 @@ fn a_flight_is_named_by_the_trajectory_at_the_take_off_and_the_laws_that_were_sc
         let mode = if number == 1 { Mode::Disarmed } else { Mode::Flying }.code();
         let scored = u8::from(number > 2);
         let tick = TelemetryV1 { time: received_at, mode, scored, ..TelemetryV1::default() };
-        let reception = Reception { received_at, ..Reception::default() };
-        recorder.sample(&reception, Sample::Telemetry(&tick));
-        let attitude = [0.0, 0.0, 0.0, 1.0];
-        let truth = TruthV1 { time: received_at, attitude, ..TruthV1::default() };
-        recorder.sample(&reception, Sample::Truth(&truth));
+        fly(&mut recorder, &tick, 0.0);
     };
     set(at(0), 1, "control.controller=geometric\ntrajectory.kind=circle");
     set(at(500), 2, "position.tilt-limit-deg=12");
@@ -75,17 +80,12 @@ fn a_change_is_told_unless_it_is_refused_and_a_landing_after_it_was_requested() 
     let mut recorder = Recorder::new(&Config::default());
     let (planned_landing_s, mode) = (f64::INFINITY, Mode::Flying.code());
     for tick in 0..4 {
-        let received_at = Time::VIRTUAL_START + Span::from_millis(500 * tick);
+        let time = Time::VIRTUAL_START + Span::from_millis(500 * tick);
         let phase = if tick < 3 { Phase::Trajectory } else { Phase::Landing } as u8;
-        let time = received_at;
         let telemetry =
             TelemetryV1 { time, mode, phase, planned_landing_s, ..TelemetryV1::default() };
-        let reception = Reception { received_at, ..Reception::default() };
-        recorder.sample(&reception, Sample::Telemetry(&telemetry));
-        let height_m = if tick == 0 { 0.5 } else { 1.0 };
-        let (position, attitude) = ([0.0, 0.0, height_m], [0.0, 0.0, 0.0, 1.0]);
-        let truth = TruthV1 { time, position, attitude, ..TruthV1::default() };
-        recorder.sample(&reception, Sample::Truth(&truth));
+        fly(&mut recorder, &telemetry, if tick == 0 { 0.5 } else { 1.0 });
+        let reception = Reception { received_at: time, ..Reception::default() };
         let text =
             LongText::new(&format!("control.controller=geometric\nposition.tilt-limit-deg={tick}"));
         let command = OperatorCommand::Set.code();
@@ -377,14 +377,10 @@ fn a_single_scored_tick_has_no_figures() {
     let figures = |scored: [u8; 3]| {
         let mut recorder = Recorder::new(&Config::default());
         for (tick, scored) in (1..).zip(scored) {
-            let received_at = Time::VIRTUAL_START + Span::from_millis(20).scaled(tick as f64);
-            let (time, mode) = (received_at, Mode::Flying.code());
+            let time = Time::VIRTUAL_START + Span::from_millis(20).scaled(tick as f64);
+            let mode = Mode::Flying.code();
             let telemetry = TelemetryV1 { time, tick, mode, scored, ..TelemetryV1::default() };
-            let reception = Reception { received_at, ..Reception::default() };
-            recorder.sample(&reception, Sample::Telemetry(&telemetry));
-            let attitude = [0.0, 0.0, 0.0, 1.0];
-            let truth = TruthV1 { time, attitude, ..TruthV1::default() };
-            recorder.sample(&reception, Sample::Truth(&truth));
+            fly(&mut recorder, &telemetry, 0.0);
         }
         Summary::of(&recorder.finish(Outcome::Landed, 1.0)).position_error_m
     };

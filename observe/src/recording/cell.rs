@@ -1,28 +1,16 @@
 //! Messages as rows of typed cells, with the names of their columns.
 
-use oqtal_bus::message::{Field, FieldType, Header, Message, Stamps};
-use oqtal_bus::topic::{ObservedTopic, Sample, Topic, TopicVisitor};
+use oqtal_bus::message::{Field, FieldType, Header, Stamps};
+use oqtal_bus::topic::Sample;
 
 use super::schema::member_name;
+use crate::csv::FieldCell;
 use crate::sink::Reception;
 
 /// Names of vector components in columns.
 const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
 /// Unit of a field that contains the bytes of a text.
 const TEXT: &str = "text";
-
-/// Cell of a row.
-#[derive(Clone, Debug, PartialEq)]
-pub enum FieldCell {
-    /// A count, a code, a flag, or an instant \[ns\].
-    Count(u64),
-    /// A span of time \[ns\].
-    Signed(i64),
-    /// A number \[unit in the column's name\]; NaN if unknown.
-    Number(f64),
-    /// A text.
-    Text(String),
-}
 
 /// Names of the columns of messages with these fields, with their units: reception by the recorder, header, stamps, body. A name of
 /// header or stamps that the body has, too, begins with `header_`.
@@ -36,23 +24,6 @@ pub fn names(fields: &[Field]) -> Vec<String> {
     }));
     names.extend(body);
     names
-}
-
-/// Names of the columns of `topic`.
-pub fn names_of(topic: ObservedTopic) -> Vec<String> {
-    struct Names;
-    impl TopicVisitor for Names {
-        type Output = Vec<String>;
-
-        fn visit<M: Message>(
-            self,
-            _: &Topic<M>,
-            _: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
-        ) -> Self::Output {
-            names(M::FIELDS)
-        }
-    }
-    topic.visit(Names)
 }
 
 /// Columns of a field: one for each element.
@@ -111,11 +82,12 @@ fn cell_of(element: FieldType, bytes: &[u8]) -> FieldCell {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use oqtal_bus::topic::ObservedTopic;
 
     #[test]
     fn names_of_columns_are_distinct_and_legal_in_matlab() {
         for topic in ObservedTopic::all() {
-            let names = names_of(topic);
+            let names = names(topic.fields());
             let distinct: std::collections::BTreeSet<_> = names.iter().collect();
             assert_eq!(distinct.len(), names.len(), "{topic}");
             let is_legal = |name: &str| name.len() < 64 && name.starts_with(char::is_alphabetic);

@@ -9,10 +9,22 @@ use crate::kernel::ProcessUsage;
 /// Name of the facts recorded at the end of a flight.
 const FLIGHT: &str = "flight";
 
-/// Facts of a flight that are not in its messages.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The facts of a flight that are not in its messages, as a table.
+pub fn closing_facts(flight: &Flight) -> Facts {
+    let known = [
+        ("command_path", flight.command_path.to_string()),
+        ("outcome", flight.outcome.to_string()),
+        ("speed_factor", flight.speed_factor.to_string()),
+    ];
+    let json = |usage: &ProcessUsage| serde_json::to_string(usage).unwrap_or_default();
+    let daemon = flight.daemon.as_ref().map(|usage| ("daemon", json(usage)));
+    Facts::new(FLIGHT, known.into_iter().chain(daemon))
+}
+
+/// The same facts as read from a recording; each is `None` if the recording does not contain it, as a truncated one.
+#[derive(Clone, Debug)]
 pub struct ClosingFacts {
-    /// Path of the commands; `None` if the recording does not contain it.
+    /// Path of the commands.
     pub command_path: Option<CommandPath>,
     /// Outcome of the flight.
     pub outcome: Option<Outcome>,
@@ -23,30 +35,7 @@ pub struct ClosingFacts {
 }
 
 impl ClosingFacts {
-    /// The facts of a flight.
-    pub fn of(flight: &Flight) -> Self {
-        Self {
-            command_path: Some(flight.command_path.clone()),
-            outcome: Some(flight.outcome),
-            speed_factor: Some(flight.speed_factor),
-            daemon: flight.daemon.clone(),
-        }
-    }
-
-    /// The facts as a table.
-    pub fn to_facts(&self) -> Facts {
-        let json = |daemon: &ProcessUsage| serde_json::to_string(daemon).unwrap_or_default();
-        let facts = [
-            ("command_path", self.command_path.as_ref().map(ToString::to_string)),
-            ("outcome", self.outcome.map(|outcome| outcome.to_string())),
-            ("speed_factor", self.speed_factor.map(|factor| factor.to_string())),
-            ("daemon", self.daemon.as_ref().map(json)),
-        ];
-        let known = facts.into_iter().filter_map(|(name, fact)| Some((name, fact?)));
-        Facts::new(FLIGHT, known)
-    }
-
-    /// Facts of a recording; the defaults for a truncated one.
+    /// Facts of the recording `file`.
     pub fn read(file: &RecordingFile) -> Self {
         let fact = |name| file.fact(FLIGHT, name);
         Self {

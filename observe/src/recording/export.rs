@@ -2,15 +2,14 @@
 //! benchmark.
 
 use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
 use std::fmt::Write;
 
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{ObservedTopic, Sample};
+use oqtal_bus::topic::Sample;
 
-use super::cell::{self, FieldCell};
-use crate::csv::ColumnValues;
+use super::cell;
+use crate::csv::{ColumnValues, FieldCell};
 use crate::sink::{Reception, Sink};
 
 /// Texts by name.
@@ -33,9 +32,6 @@ impl Sink for CsvExport {
         table.push_str(&cells.join(","));
         table.push('\n');
     }
-
-    /// Ignores losses; a recording contains them as events.
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
 /// Export of every topic as columns: header and body of each message, with units in the names.
@@ -47,53 +43,20 @@ pub struct ColumnExport {
 
 impl Sink for ColumnExport {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
-        let cells = cell::cells(reception, &sample);
-        match self.tables.entry(sample.topic().to_string()) {
-            Entry::Vacant(vacant) => {
-                let names = cell::names(sample.body().fields()).into_iter();
-                vacant.insert(names.zip(cells.map(first)).collect());
-            }
-            Entry::Occupied(mut table) => {
-                table.get_mut().iter_mut().zip(cells).for_each(|((_, column), cell)| {
-                    push(column, cell);
-                });
-            }
-        }
-    }
-
-    /// Ignores losses; a recording contains them as events.
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
-}
-
-/// A column with its first cell.
-fn first(cell: FieldCell) -> ColumnValues {
-    match cell {
-        FieldCell::Count(count) => ColumnValues::Counts(vec![count]),
-        FieldCell::Signed(number) => ColumnValues::Signed(vec![number]),
-        FieldCell::Number(number) => ColumnValues::Numbers(vec![number]),
-        FieldCell::Text(text) => ColumnValues::Words(vec![text]),
-    }
-}
-
-/// Appends a cell to the column of its kind.
-fn push(column: &mut ColumnValues, cell: FieldCell) {
-    match (column, cell) {
-        (ColumnValues::Counts(counts), FieldCell::Count(count)) => counts.push(count),
-        (ColumnValues::Signed(numbers), FieldCell::Signed(number)) => numbers.push(number),
-        (ColumnValues::Numbers(numbers), FieldCell::Number(number)) => numbers.push(number),
-        (ColumnValues::Words(words), FieldCell::Text(text)) => words.push(text),
-        _ => {}
+        let table = self.tables.entry(sample.topic().to_string()).or_insert_with(|| {
+            let names = cell::names(sample.body().fields()).into_iter();
+            names.map(|name| (name, ColumnValues::EMPTY)).collect()
+        });
+        let cells = table.iter_mut().zip(cell::cells(reception, &sample));
+        cells.for_each(|((_, column), cell)| column.push(cell));
     }
 }
 
 /// A cell as text: quoted if it is one, empty for NaN.
 fn text_of(cell: FieldCell) -> String {
     match cell {
-        FieldCell::Count(count) => count.to_string(),
-        FieldCell::Signed(number) => number.to_string(),
-        FieldCell::Number(number) if number.is_nan() => String::new(),
-        FieldCell::Number(number) => number.to_string(),
         FieldCell::Text(text) => format!("\"{}\"", text.replace('"', "\"\"")),
+        other => other.to_string(),
     }
 }
 
@@ -143,9 +106,6 @@ impl Sink for TumExport {
             _ => {}
         }
     }
-
-    /// Ignores losses; a recording contains them as events.
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
 #[cfg(test)]

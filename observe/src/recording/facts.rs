@@ -19,7 +19,10 @@ pub const CONFIG_FILE: &str = "config.toml";
 /// Name of the attachment with the waypoints of the configuration.
 pub const WAYPOINTS_FILE: &str = "waypoints.csv";
 
-/// Name of the attachment with the waypoints that the request `number` to the daemon `source` named in flight.
+/// Number, in place of a request's, of the start of a daemon: the file was edited after the recording had begun \[-\].
+pub(super) const AT_START: u64 = 0;
+
+/// Name of the attachment with the waypoints that the daemon `source` read for the request `number`, or at its start, [`AT_START`].
 pub(super) fn waypoints_of_request(source: u64, number: u64) -> String {
     format!("waypoints-{source:016x}-{number}.csv")
 }

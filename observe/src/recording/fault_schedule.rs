@@ -6,7 +6,7 @@ use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
-use crate::event::of_period;
+use crate::event::of_faults;
 
 /// Source of an event in a recording: `fault` or `disturbance`.
 type Source = &'static str;
@@ -24,17 +24,9 @@ pub struct FaultSchedule {
 impl FaultSchedule {
     /// The faults and disturbances of `config`.
     pub fn of(config: &Config) -> Self {
-        let faults = config.fault.inject.iter().flat_map(|fault| {
-            let changes = of_period(&fault.to_string(), (fault.at_s, fault.end_s()));
-            changes.map(|(at_s, text)| (at_s, "fault", text))
-        });
-        let loads = config.plant.disturb.iter().flat_map(|load| {
-            let changes = of_period(&load.to_string(), (load.at_s, load.end_s()));
-            changes.map(|(at_s, text)| (at_s, "disturbance", text))
-        });
-        let all = faults.chain(loads);
+        let changes = of_faults(config);
         let mut pending: Vec<_> =
-            all.map(|(at_s, source, text)| (Span::from_seconds(at_s), source, text)).collect();
+            changes.map(|(at_s, source, text)| (Span::from_seconds(at_s), source, text)).collect();
         pending.sort_by_key(|(at, ..)| std::cmp::Reverse(*at));
         // A bridge reports a vehicle as real, also an emulated one or a firmware executed as a program.
         let acts_on_any =

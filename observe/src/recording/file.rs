@@ -80,7 +80,7 @@ pub struct RecordedMessage {
 }
 
 /// A recording in memory.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RecordingFile {
     /// The file.
     pub path: PathBuf,
@@ -130,16 +130,8 @@ impl RecordingFile {
         let Some(records) = bytes.strip_prefix(&MAGIC) else {
             return Err(foreign("it does not begin as an MCAP file does"));
         };
-        let mut file = Self {
-            path: path.to_path_buf(),
-            size: bytes.len() as u64,
-            facts: BTreeMap::new(),
-            attachments: BTreeMap::new(),
-            channels: BTreeMap::new(),
-            messages: Vec::new(),
-            cut_off: None,
-            schemas: BTreeMap::new(),
-        };
+        let (path, size) = (path.to_path_buf(), bytes.len() as u64);
+        let mut file = Self { path, size, ..Self::default() };
         file.cut_off = file.read_records(records).err();
         match file.fact(RECORDING, "layout") {
             None => {

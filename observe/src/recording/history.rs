@@ -6,9 +6,9 @@ use oqtal_bus::code::InputKind;
 use oqtal_bus::message::{
     CommandV1, EventV1, ExternalV1, Header, InputV1, PoseV1, ReferenceV1, TelemetryV1, VehicleV1,
 };
-use oqtal_bus::topic::{ObservedTopic, Sample};
+use oqtal_bus::topic::Sample;
 
-use super::facts::waypoints_of_request;
+use super::facts::{AT_START, waypoints_of_request};
 use crate::sink::{Reception, Sink};
 
 /// Writer of a message, and message number of that writer.
@@ -51,6 +51,12 @@ impl DaemonHistory {
     pub fn is_complete(&self) -> bool {
         let first = self.turns.first().map(|turn| turn.input.kind);
         first == Some(InputKind::Start.code()) && self.missing == 0
+    }
+
+    /// Name of the attachment with the waypoints that the daemon read at its start, if these are not those of the beginning of the
+    /// recording.
+    pub fn waypoints_at_start(&self) -> String {
+        waypoints_of_request(self.source, AT_START)
     }
 
     /// Name of the attachment with the waypoints that the request `number` named.
@@ -208,7 +214,4 @@ impl Sink for InputHistory {
             Sample::Truth(_) | Sample::State(_) | Sample::Health(..) => {}
         }
     }
-
-    /// Ignores losses; they show as gaps in the numbers.
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use oqtal_bus::topic::{ObservedTopic, Sample};
+use oqtal_bus::topic::Sample;
 
 use super::file::RecordingFile;
 use super::playback::play;
@@ -98,8 +98,6 @@ impl Sink for Flown {
             self.0 |= tick.is_armed() && tick.mission_s > 0.0;
         }
     }
-
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use oqtal_bus::code::{Answer, InputKind, SafetyState};
-use oqtal_bus::message::{EventV1, InputV1, PoseV1, TelemetryV1, TruthV1};
+use oqtal_bus::message::{EventV1, InputV1, PoseV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::{ClockKind, Config, read_waypoints};
@@ -12,8 +12,8 @@ use oqtal_config::{ClockKind, Config, read_waypoints};
 use super::cdr;
 use super::channel::Channel;
 use super::chunk::McapMessage;
-use super::closing::ClosingFacts;
-use super::facts::{CONFIG_FILE, Facts, WAYPOINTS_FILE, waypoints_of_request};
+use super::closing::closing_facts;
+use super::facts::{AT_START, CONFIG_FILE, Facts, WAYPOINTS_FILE, waypoints_of_request};
 use super::fault_schedule::FaultSchedule;
 use super::scene::{self, LogSeverity, ScenePose};
 use super::thread::{FilePlan, RecordingResult, RecordingThread};
@@ -61,6 +61,8 @@ pub struct McapRecorder {
     daemon: Option<u64>,
     clock_due: Time,
     faults: FaultSchedule,
+    /// The waypoint file, and its text when the recording began; `None` if the configuration names none.
+    waypoints: Option<(PathBuf, Option<String>)>,
 }
 
 impl McapRecorder {
@@ -92,7 +94,10 @@ impl McapRecorder {
             waits: !is_real,
             complain: *complain,
         };
-        let preamble = preamble(config, *provenance, wall_offset)?;
+        let file = config.trajectory.waypoints_file.clone();
+        let waypoints = file.map(|file| (file.clone(), read_waypoints(&file).ok()));
+        let text = waypoints.as_ref().and_then(|(_, text)| text.clone());
+        let preamble = preamble(config, *provenance, wall_offset, text);
         Ok(Self {
             thread: RecordingThread::start(files, preamble)?,
             wall_offset,
@@ -105,6 +110,7 @@ impl McapRecorder {
             daemon: None,
             clock_due: Time::UNSET,
             faults: FaultSchedule::of(config),
+            waypoints,
         })
     }
 
@@ -135,47 +141,39 @@ impl McapRecorder {
 
     /// Records the closing facts of `flight` and finishes the recording.
     pub fn close(mut self, flight: &Flight) -> RecordingResult {
-        self.facts(ClosingFacts::of(flight).to_facts());
+        self.facts(closing_facts(flight));
         self.finish()
     }
 
     /// Records the waiting messages, closes the file, and ends the thread.
     pub fn finish(mut self) -> RecordingResult {
-        self.choose_truth(TruthSelection::choose_newest);
+        self.truth.choose_newest();
+        self.record_truth();
         self.thread.finish()
     }
 
-    /// Queues the encoded message in `scratch`.
-    fn put(&mut self, channel: Channel, received_at: Time, published_at: Time) {
-        if let Some(message) = self.message(channel, received_at, published_at) {
-            self.thread.message(message, &self.scratch);
-        }
-    }
-
-    /// Header of the next message of a channel.
-    fn message(
-        &mut self,
-        channel: Channel,
-        received_at: Time,
-        published_at: Time,
-    ) -> Option<McapMessage> {
-        let number = Channel::all().position(|other| other == channel)?;
+    /// Queues the encoded message in `scratch`; returns its header.
+    fn put(&mut self, channel: Channel, received_at: Time, published_at: Time) -> McapMessage {
+        let number = Channel::all().position(|other| other == channel);
+        let number = number.expect("every channel is in the list");
         // A selected truth sample may have waited for its tick; the times in a file do not decrease.
         self.latest = self.latest.max((received_at + self.wall_offset).nanos());
         self.sequences[number] = self.sequences[number].wrapping_add(1);
-        Some(McapMessage {
+        let message = McapMessage {
             channel: number as u16,
             sequence: self.sequences[number],
             log_time: self.latest,
             publish_time: (published_at + self.wall_offset).nanos(),
-        })
+        };
+        self.thread.message(message, &self.scratch);
+        message
     }
 
     /// Records a sample published at an instant.
-    fn record(&mut self, reception: &Reception, sample: Sample<'_>, at: Time) {
+    fn record(&mut self, reception: &Reception, sample: Sample<'_>, at: Time) -> McapMessage {
         cdr::encode(&reception.header, sample.body(), &mut self.scratch);
         let published_at = if at.is_set() { at } else { reception.received_at };
-        self.put(Channel::Topic(sample.topic()), reception.received_at, published_at);
+        self.put(Channel::Topic(sample.topic()), reception.received_at, published_at)
     }
 
     /// Records a pose for viewers.
@@ -200,15 +198,10 @@ impl McapRecorder {
         self.put(Channel::Events, received_at, happened_at);
     }
 
-    /// Records the truth samples selected by `work`.
-    fn choose_truth(
-        &mut self,
-        work: impl FnOnce(&mut TruthSelection, &mut dyn FnMut(&(Reception, TruthV1))),
-    ) {
-        let mut chosen = Vec::new();
-        work(&mut self.truth, &mut |sample| chosen.push(*sample));
-        for (reception, truth) in &chosen {
-            self.record(reception, Sample::Truth(truth), truth.time);
+    /// Records the truth samples that were selected.
+    fn record_truth(&mut self) {
+        for (reception, truth) in self.truth.take() {
+            self.record(&reception, Sample::Truth(&truth), truth.time);
             let pose = (truth.time, truth.position, truth.attitude);
             self.show(Channel::True, reception.received_at, pose);
         }
@@ -257,7 +250,8 @@ impl McapRecorder {
         self.note_daemon(reception.header.source, false);
         self.note_faults(received_at, at);
         // The truth first: a reader of the file needs it before the tick.
-        self.choose_truth(|selection, choose| selection.tick(at, choose));
+        self.truth.tick(at);
+        self.record_truth();
         self.record(reception, Sample::Telemetry(telemetry), at);
         let TelemetryV1 { position, attitude, reference_position, attitude_command, .. } =
             *telemetry;
@@ -273,25 +267,13 @@ impl McapRecorder {
     fn operator_event(&mut self, reception: &Reception, event: &EventV1) {
         // Events use the machine's clock, also in virtual time.
         let time = if self.is_real { event.time } else { reception.received_at };
+        let message = self.record(reception, Sample::Event(event), time);
         if event::changes_settings(event) {
-            self.record_change(reception, event, time);
-        } else {
-            self.record(reception, Sample::Event(event), time);
+            self.thread.repeat(event, message, &self.scratch);
         }
         self.attach_waypoints(reception.header.source, event);
         let at = (reception.received_at, time);
         self.event(at, LogSeverity::Info, ("daemon", &event::of_operator(event)));
-    }
-
-    /// Records a change of settings. It is repeated in later files, each of which has the settings of the daemon's start only.
-    fn record_change(&mut self, reception: &Reception, event: &EventV1, time: Time) {
-        let sample = Sample::Event(event);
-        let channel = Channel::Topic(sample.topic());
-        cdr::encode(&reception.header, sample.body(), &mut self.scratch);
-        let published_at = if time.is_set() { time } else { reception.received_at };
-        if let Some(message) = self.message(channel, reception.received_at, published_at) {
-            self.thread.repeated_change(event, message, &self.scratch);
-        }
     }
 
     /// Attaches the waypoint file that a request names: a replay flies its points, whatever becomes of the file.
@@ -304,13 +286,26 @@ impl McapRecorder {
         };
         // Without it a replay reports which file it needs.
         if let Ok(content) = read_waypoints(Path::new(path)) {
-            let name = waypoints_of_request(source, event.number);
-            self.thread.file((name, "text/csv", content.into_bytes()));
+            self.thread.file(waypoints_file((source, event.number), content));
+        }
+    }
+
+    /// Attaches the waypoint file for the daemon `source`, which has just started, if it was edited since the recording began.
+    fn attach_edited_waypoints(&mut self, source: u64) {
+        let Some((file, known)) = &self.waypoints else { return };
+        if let Ok(text) = read_waypoints(file)
+            && Some(&text) != known.as_ref()
+        {
+            self.thread.file(waypoints_file((source, AT_START), text));
         }
     }
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {
-        self.note_daemon(reception.header.source, input.kind == InputKind::Start.code());
+        let is_start = input.kind == InputKind::Start.code();
+        self.note_daemon(reception.header.source, is_start);
+        if is_start {
+            self.attach_edited_waypoints(reception.header.source);
+        }
         self.record(reception, Sample::Input(input), input.time);
         if let Some(text) = event::of_input(input) {
             let at = (reception.received_at, input.time);
@@ -319,52 +314,57 @@ impl McapRecorder {
     }
 }
 
-/// First records of every file.
-fn preamble(config: &Config, provenance: Provenance, wall_offset: Span) -> io::Result<Preamble> {
-    let mut files =
-        vec![(CONFIG_FILE.to_owned(), "application/toml", config.to_toml().into_bytes())];
-    if let Some(path) = &config.trajectory.waypoints_file {
-        files.push((WAYPOINTS_FILE.to_owned(), "text/csv", read_waypoints(path)?.into_bytes()));
-    }
-    Ok(Preamble {
+/// First records of every file, with the text of the waypoint file, if there is one.
+fn preamble(
+    config: &Config,
+    provenance: Provenance,
+    wall_offset: Span,
+    waypoints: Option<String>,
+) -> Preamble {
+    let settings = (CONFIG_FILE.to_owned(), "application/toml", config.to_toml().into_bytes());
+    let waypoints =
+        waypoints.map(|text| (WAYPOINTS_FILE.to_owned(), "text/csv", text.into_bytes()));
+    Preamble {
         facts: vec![Facts::of_recording(config, provenance, wall_offset), Facts::of_machine()],
-        files,
+        files: [settings].into_iter().chain(waypoints).collect(),
         library: format!("oqtal {}", provenance.version),
-    })
+    }
+}
+
+/// Attachment with the waypoints that the daemon `source` read for the request `number`.
+fn waypoints_file((source, number): (u64, u64), text: String) -> (String, &'static str, Vec<u8>) {
+    (waypoints_of_request(source, number), "text/csv", text.into_bytes())
 }
 
 impl Sink for McapRecorder {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
         let stamps = &reception.header.stamps;
-        match sample {
+        let published_at = match sample {
             Sample::Truth(truth) => {
                 self.note_faults(reception.received_at, truth.time);
-                let sample = (*reception, *truth);
-                self.choose_truth(|selection, choose| selection.sample(sample, choose));
+                self.truth.sample((*reception, *truth));
+                return self.record_truth();
             }
-            Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
-            Sample::Pose(pose) => self.pose(reception, pose),
+            Sample::Telemetry(telemetry) => return self.telemetry(reception, telemetry),
+            Sample::Pose(pose) => return self.pose(reception, pose),
+            Sample::Event(event) => return self.operator_event(reception, event),
+            Sample::Input(input) => return self.input(reception, input),
             Sample::Command(command) => {
                 self.faults.command(&reception.header, command);
-                self.record(reception, sample, stamps.command_published_at);
+                stamps.command_published_at
             }
             Sample::Vehicle(vehicle) => {
                 self.faults.vehicle(vehicle);
-                self.record(reception, sample, stamps.applied_at);
+                stamps.applied_at
             }
-            Sample::Reference(reference) => self.record(reception, sample, reference.time),
-            Sample::Event(event) => self.operator_event(reception, event),
-            Sample::Input(input) => self.input(reception, input),
+            Sample::Reference(reference) => reference.time,
             // Health messages use the machine's clock, also in virtual time.
-            Sample::Health(_, health) if self.is_real => {
-                self.record(reception, sample, health.time);
-            }
-            Sample::State(state) => self.record(reception, sample, state.time),
-            Sample::External(answer) => self.record(reception, sample, answer.asked_at),
-            Sample::PoseRead(_) | Sample::VehicleRead(_) | Sample::Health(..) => {
-                self.record(reception, sample, Time::UNSET);
-            }
-        }
+            Sample::Health(_, health) if self.is_real => health.time,
+            Sample::State(state) => state.time,
+            Sample::External(answer) => answer.asked_at,
+            Sample::PoseRead(_) | Sample::VehicleRead(_) | Sample::Health(..) => Time::UNSET,
+        };
+        self.record(reception, sample, published_at);
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {

@@ -70,8 +70,6 @@ impl Sink for Poses {
             self.0.push((*reception, *pose));
         }
     }
-
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
 fn poses(file: &RecordingFile) -> Vec<(Reception, PoseV1)> {

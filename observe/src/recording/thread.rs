@@ -119,44 +119,35 @@ impl RecordingThread {
 
     fn hand_over(&mut self) {
         let chunk = std::mem::take(&mut self.chunk);
-        let messages = chunk.messages;
-        if messages > 0 && !self.send(QueuedRecord::Chunk(chunk)) {
-            self.dropped += messages;
+        if chunk.messages > 0 {
+            self.send(QueuedRecord::Chunk(chunk));
         }
     }
 
     /// Queues a table of facts, which is written to this file of the recording and to those after it.
     pub fn facts(&mut self, facts: Facts) {
         self.hand_over();
-        if !self.send(QueuedRecord::Facts(facts)) {
-            self.dropped += 1;
-        }
+        self.send(QueuedRecord::Facts(facts));
     }
 
     /// Queues a file, which is attached to this file of the recording and to those after it.
     pub fn file(&mut self, file: AttachedFile) {
-        if !self.send(QueuedRecord::File(file)) {
-            self.dropped += 1;
-        }
+        self.send(QueuedRecord::File(file));
     }
 
-    /// Adds the message of a change of settings, encoded in `data`, that later files begin with.
-    pub fn repeated_change(&mut self, event: &EventV1, message: McapMessage, data: &[u8]) {
-        self.message(message, data);
+    /// Repeats the message last added, of a change of settings and encoded in `data`, at the beginning of later files, each of which has
+    /// the settings of the daemon's start only.
+    pub fn repeat(&mut self, event: &EventV1, message: McapMessage, data: &[u8]) {
         // If this chunk begins a file, the message is in it already.
         self.hand_over();
         let repeated = RepeatedChange { event: *event, message, data: data.to_vec() };
-        if !self.send(QueuedRecord::Repeated(Box::new(repeated))) {
-            self.dropped += 1;
-        }
+        self.send(QueuedRecord::Repeated(Box::new(repeated)));
     }
 
     /// Forgets the messages that later files begin with.
     pub fn clear_repeated(&mut self) {
         self.hand_over();
-        if !self.send(QueuedRecord::ClearRepeated) {
-            self.dropped += 1;
-        }
+        self.send(QueuedRecord::ClearRepeated);
     }
 
     /// Whether writing has failed.
@@ -164,13 +155,19 @@ impl RecordingThread {
         self.failed.load(Ordering::Acquire)
     }
 
-    /// Queues a record; returns `false` if the queue is full.
-    fn send(&self, record: QueuedRecord) -> bool {
-        let Some(queue) = &self.queue else { return true };
-        if self.waits {
-            queue.send(record).is_ok()
-        } else {
-            !matches!(queue.try_send(record), Err(TrySendError::Full(_)))
+    /// Queues a record; if the queue is full, its messages are dropped and counted.
+    fn send(&mut self, record: QueuedRecord) {
+        let Some(queue) = &self.queue else { return };
+        let messages = match &record {
+            QueuedRecord::Chunk(chunk) => chunk.messages,
+            _ => 1,
+        };
+        let is_dropped = match self.waits {
+            true => queue.send(record).is_err(),
+            false => matches!(queue.try_send(record), Err(TrySendError::Full(_))),
+        };
+        if is_dropped {
+            self.dropped += messages;
         }
     }
 

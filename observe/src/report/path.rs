@@ -14,9 +14,10 @@ use crate::plot::trace::{Point, Trace, thin_path};
 const STEP_M: f64 = 0.1;
 
 /// A projection: horizontal and vertical component of a position.
-type View = fn([f64; 3]) -> Point;
+pub type View = fn([f64; 3]) -> Point;
 
-const VIEWS: [(&str, View); 2] = [
+/// The projections of a path, with their titles.
+pub const VIEWS: [(&str, View); 2] = [
     ("Top view: y over x [m]", |[x, y, _]| (x, y)),
     ("Side view: z over x [m]", |[x, _, z]| (x, z)),
 ];
@@ -60,7 +61,7 @@ fn actual(timeline: &Timeline<'_>, view: View) -> Trace {
 }
 
 /// `point`, or one that is not drawn.
-fn shown(is_shown: bool, point: Point) -> Point {
+pub fn shown(is_shown: bool, point: Point) -> Point {
     if is_shown { point } else { (f64::NAN, f64::NAN) }
 }
 

@@ -10,21 +10,17 @@ use crate::plot::unit::MISSING;
 
 /// The section of the settings.
 pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
-    let answers = summary.answers.map(|answers| answers.to_string());
-    let handovers = summary.handovers.as_ref().map(ToString::to_string);
+    let or_missing = |fact: Option<String>| fact.unwrap_or_else(|| MISSING.to_owned());
     let facts = [
         ("Clock", summary.clock.clone()),
         ("Seed", summary.seed.to_string()),
         ("Ticks", summary.ticks.to_string()),
         ("States", summary.states()),
-        ("Answers", answers.unwrap_or_else(|| MISSING.to_owned())),
-        ("Hand-overs", handovers.unwrap_or_else(|| MISSING.to_owned())),
-        (
-            "Changed before the take-off",
-            summary.settings.changed().unwrap_or_else(|| MISSING.to_owned()),
-        ),
+        ("Answers", or_missing(summary.answers.map(|answers| answers.to_string()))),
+        ("Hand-overs", or_missing(summary.handovers.as_ref().map(ToString::to_string))),
+        ("Changed before the take-off", or_missing(summary.settings.changed())),
         ("Configuration hash", summary.settings.config_hash.clone()),
-        ("Trajectory hash", summary.trajectory_hash.clone().unwrap_or_else(|| MISSING.to_owned())),
+        ("Trajectory hash", or_missing(summary.trajectory_hash.clone())),
     ];
     section(
         "Settings",

@@ -96,8 +96,8 @@ pub struct ClockFigures {
     pub relearned: u64,
 }
 
-/// Standard deviations of a body at rest, the median over windows of a second.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+/// Standard deviations of a body at rest in a window of a second; of a probe, their median over all windows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct NoiseFigures {
     /// Of the position \[mm, axes of the room\].
     pub position_mm: [f64; 3],

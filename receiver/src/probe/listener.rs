@@ -4,7 +4,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::ReceiverOptions;
 
 use super::figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures};
-use super::statistics::{NoiseWindow, WindowNoise, median, percentile};
+use super::statistics::{NoiseWindow, median, percentile};
 use crate::gate::{FrameCounts, FrameGate, FrameRefusal, FrameStamp};
 use crate::stream::{FrameSink, MeasuredBody};
 
@@ -25,7 +25,7 @@ struct ObservedBody {
     tracked: u64,
     window: NoiseWindow,
     window_began: Time,
-    noise: Vec<WindowNoise>,
+    noise: Vec<NoiseFigures>,
 }
 
 /// Takes the frames of a probe.
@@ -123,7 +123,7 @@ fn noise_figures(bodies: &mut [ObservedBody]) -> Option<NoiseFigures> {
     let mut noise = Vec::new();
     for body in bodies {
         body.noise.extend(body.window.finish());
-        let rests = |window: &&WindowNoise| window.position_mm.iter().all(|x| *x < MOVES_MM);
+        let rests = |window: &&NoiseFigures| window.position_mm.iter().all(|x| *x < MOVES_MM);
         noise.extend(body.noise.iter().filter(rests));
     }
     let position_mm = median(|window| window.position_mm, &noise)?;

@@ -4,6 +4,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use oqtal_control::statistics::{self, standard_deviation};
 use oqtal_wire::motion::RigidPose;
 
+use super::figures::NoiseFigures;
+
 /// The value that `percent` of 100 values do not exceed, by nearest rank \[unit of the values\]; 0 without values.
 pub fn percentile(values: &[i64], percent: f64) -> i64 {
     let values = values.iter().map(|value| *value as f64);
@@ -16,15 +18,6 @@ pub struct NoiseWindow {
     poses: Vec<RigidPose>,
 }
 
-/// Standard deviations of one window.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WindowNoise {
-    /// Of the position \[mm, axes of the room\].
-    pub position_mm: [f64; 3],
-    /// Of the attitude \[deg, axes of the body\].
-    pub attitude_deg: [f64; 3],
-}
-
 impl NoiseWindow {
     /// Adds a pose.
     pub fn add(&mut self, pose: &RigidPose) {
@@ -32,7 +25,7 @@ impl NoiseWindow {
     }
 
     /// The noise of the window, which is then empty; `None` if it has too few poses.
-    pub fn finish(&mut self) -> Option<WindowNoise> {
+    pub fn finish(&mut self) -> Option<NoiseFigures> {
         let poses = std::mem::take(&mut self.poses);
         let first = attitude(poses.first()?);
         if poses.len() < 10 {
@@ -41,7 +34,7 @@ impl NoiseWindow {
         let positions = poses.iter().map(|pose| Vector3::from(pose.position_m) * 1e3);
         let turns = poses.iter().map(|pose| (first.inverse() * attitude(pose)).scaled_axis());
         let turns = turns.map(|turn| turn.map(f64::to_degrees));
-        Some(WindowNoise {
+        Some(NoiseFigures {
             position_mm: deviation(&positions.collect::<Vec<_>>()),
             attitude_deg: deviation(&turns.collect::<Vec<_>>()),
         })
@@ -60,7 +53,7 @@ fn deviation(values: &[Vector3<f64>]) -> [f64; 3] {
 }
 
 /// The median of each component over the windows; `None` without windows.
-pub fn median(of: fn(&WindowNoise) -> [f64; 3], windows: &[WindowNoise]) -> Option<[f64; 3]> {
+pub fn median(of: fn(&NoiseFigures) -> [f64; 3], windows: &[NoiseFigures]) -> Option<[f64; 3]> {
     let axis = |axis: usize| statistics::median(windows.iter().map(|window| of(window)[axis]));
     Some([axis(0)?, axis(1)?, axis(2)?])
 }

@@ -70,6 +70,25 @@ impl ControlInput {
         frame
     }
 
+    /// Decodes the frame: checks length, head, checksum and ranges.
+    ///
+    /// # Errors
+    /// The first check that fails.
+    pub fn read(bytes: &[u8]) -> Result<Self, CommandError> {
+        check_shape(bytes, COMMAND_HEAD, Self::FRAME_LEN)?;
+        let word = |index: usize| {
+            let at = COMMAND_HEAD.len() + 2 * index;
+            i16::from_le_bytes([bytes[at], bytes[at + 1]])
+        };
+        let [pitch, roll, yaw, thrust, enabled, found] = [0, 1, 2, 3, 4, 5].map(word);
+        let input = Self { pitch, roll, yaw, thrust, enabled };
+        let (found, wanted) = (found as u16, input.checksum() as u16);
+        if found != wanted {
+            return Err(CommandError::Checksum { found, wanted });
+        }
+        if input.in_range() { Ok(input) } else { Err(CommandError::Range) }
+    }
+
     fn fields(&self) -> [i16; 5] {
         [self.pitch, self.roll, self.yaw, self.thrust, self.enabled]
     }
@@ -83,6 +102,15 @@ impl ControlInput {
 pub fn poll_frame(poll: Poll) -> [u8; POLL_LEN] {
     let [low, high] = poll.bits().to_le_bytes();
     [b'>', b'*', b'>', b'p', low, high]
+}
+
+/// Decodes the frame that requests telemetry: checks length, head and bits.
+///
+/// # Errors
+/// The first check that fails.
+pub fn read_poll(bytes: &[u8]) -> Result<Poll, CommandError> {
+    check_shape(bytes, POLL_HEAD, POLL_LEN)?;
+    Poll::from_wire(u16::from_le_bytes([bytes[4], bytes[5]])).ok_or(CommandError::Range)
 }
 
 /// Message from host to vehicle.
@@ -121,59 +149,6 @@ pub enum CommandError {
     /// Field outside its range, or a poll with unknown bits or none.
     #[error("a field is out of range")]
     Range,
-}
-
-/// Checked view of a command frame.
-#[derive(Clone, Copy, Debug)]
-pub struct CommandPacket<'a>(&'a [u8]);
-
-impl<'a> CommandPacket<'a> {
-    /// Checks length, head, checksum and ranges.
-    ///
-    /// # Errors
-    /// The first check that fails.
-    pub fn new_checked(bytes: &'a [u8]) -> Result<Self, CommandError> {
-        check_shape(bytes, COMMAND_HEAD, ControlInput::FRAME_LEN)?;
-        let packet = Self(bytes);
-        let input = packet.input();
-        let (found, wanted) = (packet.word(5) as u16, input.checksum() as u16);
-        if found != wanted {
-            return Err(CommandError::Checksum { found, wanted });
-        }
-        if input.in_range() { Ok(packet) } else { Err(CommandError::Range) }
-    }
-
-    /// The control input of the frame.
-    pub fn input(&self) -> ControlInput {
-        let [pitch, roll, yaw, thrust, enabled] = [0, 1, 2, 3, 4].map(|index| self.word(index));
-        ControlInput { pitch, roll, yaw, thrust, enabled }
-    }
-
-    fn word(&self, index: usize) -> i16 {
-        let at = COMMAND_HEAD.len() + 2 * index;
-        i16::from_le_bytes([self.0[at], self.0[at + 1]])
-    }
-}
-
-/// Checked poll frame.
-#[derive(Clone, Copy, Debug)]
-pub struct PollPacket(Poll);
-
-impl PollPacket {
-    /// Checks length, head and bits.
-    ///
-    /// # Errors
-    /// The first check that fails.
-    pub fn new_checked(bytes: &[u8]) -> Result<Self, CommandError> {
-        check_shape(bytes, POLL_HEAD, POLL_LEN)?;
-        let bits = u16::from_le_bytes([bytes[4], bytes[5]]);
-        Poll::from_wire(bits).map(Self).ok_or(CommandError::Range)
-    }
-
-    /// The requested telemetry.
-    pub fn poll(&self) -> Poll {
-        self.0
-    }
 }
 
 fn check_shape(bytes: &[u8], head: &[u8], wanted: usize) -> Result<(), CommandError> {

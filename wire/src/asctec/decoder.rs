@@ -1,10 +1,9 @@
 //! Grammars of the AscTec frames, for either end of the stream.
 
-use super::command::{COMMAND_HEAD, POLL_HEAD, POLL_LEN};
-use super::telemetry::{ACKNOWLEDGEMENT_LEN, ENVELOPE, HEAD, PREFIX};
+use super::command::{COMMAND_HEAD, POLL_HEAD, POLL_LEN, read_poll};
+use super::telemetry::{ACKNOWLEDGEMENT_LEN, ENVELOPE, HEAD, PREFIX, read_acknowledgement};
 use super::{
-    AcknowledgementPacket, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP, HostCommand,
-    ImuCalc, LlStatus, PollPacket, TelemetryPacket,
+    ControlInput, Descriptor, EMERGENCY_STOP, HostCommand, ImuCalc, LlStatus, TelemetryPacket,
 };
 use crate::stream::{Decoder, Grammar, Verdict};
 
@@ -54,10 +53,8 @@ fn acknowledgement(bytes: &[u8]) -> Verdict<HostEvent> {
     let Some(frame) = bytes.get(..ACKNOWLEDGEMENT_LEN) else {
         return Verdict::Wait(ACKNOWLEDGEMENT_LEN);
     };
-    match AcknowledgementPacket::new_checked(frame) {
-        Ok(packet) => {
-            Verdict::Accept(frame.len(), Some(HostEvent::Acknowledged(packet.descriptor())))
-        }
+    match read_acknowledgement(frame) {
+        Ok(descriptor) => Verdict::Accept(frame.len(), Some(HostEvent::Acknowledged(descriptor))),
         Err(_) => Verdict::Damaged,
     }
 }
@@ -123,10 +120,10 @@ fn command(frame: &[u8]) -> Option<HostCommand> {
     if frame == EMERGENCY_STOP {
         return Some(HostCommand::EmergencyStop);
     }
-    if let Ok(packet) = PollPacket::new_checked(frame) {
-        return Some(HostCommand::Poll(packet.poll()));
+    if let Ok(poll) = read_poll(frame) {
+        return Some(HostCommand::Poll(poll));
     }
-    CommandPacket::new_checked(frame).ok().map(|packet| HostCommand::Control(packet.input()))
+    ControlInput::read(frame).ok().map(HostCommand::Control)
 }
 
 /// Whether `bytes` and `mark` agree over the shorter of both.

@@ -104,29 +104,19 @@ pub fn write_telemetry(descriptor: Descriptor, payload: &[u8], out: &mut [u8]) -
     Some(length + ENVELOPE)
 }
 
-/// Checked acknowledgement frame. It has no checksum: only acknowledgements of a command are accepted.
-#[derive(Clone, Copy, Debug)]
-pub struct AcknowledgementPacket(Descriptor);
-
-impl AcknowledgementPacket {
-    /// Checks length, marks and descriptor.
-    ///
-    /// # Errors
-    /// The first check that fails.
-    pub fn new_checked(bytes: &[u8]) -> Result<Self, TelemetryError> {
-        match *bytes {
-            [b'>', b'a', number, b'a', b'<'] => match Descriptor::from_wire(number) {
-                Some(descriptor @ Descriptor::ControlInput) => Ok(Self(descriptor)),
-                _ => Err(TelemetryError::Descriptor(number)),
-            },
-            [_, _, _, _, _] => Err(TelemetryError::Mark),
-            _ => Err(TelemetryError::Length { found: bytes.len(), wanted: ACKNOWLEDGEMENT_LEN }),
-        }
-    }
-
-    /// The kind of packet that is acknowledged.
-    pub fn descriptor(&self) -> Descriptor {
-        self.0
+/// Decodes an acknowledgement: checks length, marks and descriptor; returns the kind of packet that is acknowledged. The frame has no
+/// checksum: only acknowledgements of a command are accepted.
+///
+/// # Errors
+/// The first check that fails.
+pub fn read_acknowledgement(bytes: &[u8]) -> Result<Descriptor, TelemetryError> {
+    match *bytes {
+        [b'>', b'a', number, b'a', b'<'] => match Descriptor::from_wire(number) {
+            Some(descriptor @ Descriptor::ControlInput) => Ok(descriptor),
+            _ => Err(TelemetryError::Descriptor(number)),
+        },
+        [_, _, _, _, _] => Err(TelemetryError::Mark),
+        _ => Err(TelemetryError::Length { found: bytes.len(), wanted: ACKNOWLEDGEMENT_LEN }),
     }
 }
 

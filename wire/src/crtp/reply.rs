@@ -4,8 +4,9 @@ use super::logging::{DATA, LogFields, SETTINGS, put_value};
 use super::packet::{CrtpPacket, CrtpPort};
 use super::request::{CREATE_BLOCK, GET_STATE, RESET_LOGGING, START_BLOCK};
 use super::supervision::{Supervision, SupervisorCommand};
-use super::table::{TableElement, TableInfo, TableKind, TableWord};
+use super::table::{ELEMENT, INFO, TableElement, TableInfo, TableKind};
 use super::value::{CrtpValue, LogType};
+use crate::bytes::{ByteOrder, ByteReader};
 
 /// Text by which a Crazyflie names itself.
 const SOURCE: &[u8] = b"Bitcraze Crazyflie";
@@ -133,9 +134,9 @@ impl<'a> CrtpReply<'a> {
                 let command = if answer.is_arming { 1 } else { 2 };
                 of(CrtpPort::Platform, 0, &[command, u8::from(answer.granted)])
             }
-            Self::TableInfo(table, info) => TableWord::Info(*info).reply(*table),
-            Self::TableElement(table, element) => TableWord::Element(*element).reply(*table),
-            Self::NoElement(table) => TableWord::NoElement.reply(*table),
+            Self::TableInfo(table, info) => info.packet(*table),
+            Self::TableElement(table, element) => element.packet(*table),
+            Self::NoElement(table) => table.packet(ELEMENT),
             Self::Parameter(id, value) => {
                 of(CrtpPort::Parameters, 1, &id.to_le_bytes()).with(&[0]).with(value.as_bytes())
             }
@@ -210,11 +211,12 @@ fn read_supervisor<'a>(payload: &[u8]) -> Option<CrtpReply<'a>> {
 }
 
 fn read_table(table: TableKind, payload: &[u8]) -> Option<CrtpReply<'_>> {
-    match TableWord::read_reply(payload)? {
-        TableWord::Info(info) => Some(CrtpReply::TableInfo(table, info)),
-        TableWord::Element(element) => Some(CrtpReply::TableElement(table, element)),
-        TableWord::NoElement => Some(CrtpReply::NoElement(table)),
-        TableWord::InfoRequest | TableWord::ElementRequest(_) => None,
+    let mut fields = ByteReader::new(payload, ByteOrder::Little);
+    match fields.u8()? {
+        INFO => TableInfo::read(fields).map(|info| CrtpReply::TableInfo(table, info)),
+        ELEMENT if fields.rest().is_empty() => Some(CrtpReply::NoElement(table)),
+        ELEMENT => TableElement::read(fields).map(|it| CrtpReply::TableElement(table, it)),
+        _ => None,
     }
 }
 

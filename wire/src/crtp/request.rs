@@ -5,7 +5,7 @@ use super::packet::{CrtpPacket, CrtpPort};
 use super::pose::{CrtpPose, FULL_POSE, PACKED_POSES, PackedPoses};
 use super::setpoint::LegacySetpoint;
 use super::supervision::SupervisorCommand;
-use super::table::{TableKind, TableWord};
+use super::table::{ELEMENT, INFO, TableKind};
 use super::value::CrtpValue;
 
 /// Commands of the log port's settings.
@@ -86,8 +86,8 @@ impl CrtpRequest {
             }
             Self::Pose(pose) => pose.packet(),
             Self::Poses(poses) => poses.packet(),
-            Self::TableInfo(table) => table.info_request(),
-            Self::TableElement(table, id) => table.element_request(*id),
+            Self::TableInfo(table) => table.packet(INFO),
+            Self::TableElement(table, id) => table.packet(ELEMENT).with(&id.to_le_bytes()),
             Self::ReadParameter(id) => of(CrtpPort::Parameters, 1, &id.to_le_bytes()),
             Self::WriteParameter(id, value) => {
                 of(CrtpPort::Parameters, 2, &id.to_le_bytes()).with(value.as_bytes())
@@ -193,9 +193,11 @@ fn read_localization(payload: &[u8]) -> Option<CrtpRequest> {
 }
 
 fn read_table(table: TableKind, payload: &[u8]) -> Option<CrtpRequest> {
-    match TableWord::read_request(payload)? {
-        TableWord::InfoRequest => Some(CrtpRequest::TableInfo(table)),
-        TableWord::ElementRequest(id) => Some(CrtpRequest::TableElement(table, id)),
+    match payload {
+        [INFO, ..] => Some(CrtpRequest::TableInfo(table)),
+        [ELEMENT, low, high, ..] => {
+            Some(CrtpRequest::TableElement(table, u16::from_le_bytes([*low, *high])))
+        }
         _ => None,
     }
 }

@@ -1,14 +1,14 @@
 //! Tables of contents: the vehicle numbers its parameters and its log variables, and a CRC identifies known tables.
 
 use super::packet::{CrtpPacket, CrtpPort};
-use crate::bytes::{ByteOrder, ByteReader};
+use crate::bytes::ByteReader;
 
 /// Channel of tables.
 const CHANNEL: u8 = 0;
-/// Asks for an element, of up to 65536.
-const ELEMENT: u8 = 2;
-/// Asks for size and CRC.
-const INFO: u8 = 3;
+/// Command of an element, of up to 65536.
+pub(super) const ELEMENT: u8 = 2;
+/// Command of size and CRC.
+pub(super) const INFO: u8 = 3;
 
 /// The two tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,12 +28,9 @@ impl TableKind {
         }
     }
 
-    pub(super) fn info_request(self) -> CrtpPacket {
-        CrtpPacket::new(self.port(), CHANNEL, &[INFO])
-    }
-
-    pub(super) fn element_request(self, id: u16) -> CrtpPacket {
-        CrtpPacket::new(self.port(), CHANNEL, &[ELEMENT]).with(&id.to_le_bytes())
+    /// Packet of a request about the table or the answer to it, up to the fields of `command`.
+    pub(super) fn packet(self, command: u8) -> CrtpPacket {
+        CrtpPacket::new(self.port(), CHANNEL, &[command])
     }
 }
 
@@ -61,6 +58,17 @@ impl TableInfo {
         }
         Self { count, crc: digest.finalize() }
     }
+
+    pub(super) fn packet(&self, table: TableKind) -> CrtpPacket {
+        let Self { count, crc } = self;
+        // Most log blocks, and variables in all of them.
+        let limits = [16, 128];
+        table.packet(INFO).with(&count.to_le_bytes()).with(&crc.to_le_bytes()).with(&limits)
+    }
+
+    pub(super) fn read(mut fields: ByteReader<'_>) -> Option<Self> {
+        Some(Self { count: fields.u16()?, crc: fields.u32()? })
+    }
 }
 
 /// Element of a table.
@@ -76,67 +84,25 @@ pub struct TableElement<'a> {
     pub name: &'a str,
 }
 
-/// Message of a vehicle or a host about a table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum TableWord<'a> {
-    /// Request for size and CRC.
-    InfoRequest,
-    /// Request for an element.
-    ElementRequest(u16),
-    /// Size and CRC.
-    Info(TableInfo),
-    /// An element.
-    Element(TableElement<'a>),
-    /// The requested element does not exist.
-    NoElement,
-}
-
-impl<'a> TableWord<'a> {
-    /// Reads what a host asks.
-    pub(super) fn read_request(payload: &[u8]) -> Option<Self> {
-        match payload {
-            [INFO, ..] => Some(Self::InfoRequest),
-            [ELEMENT, low, high, ..] => {
-                Some(Self::ElementRequest(u16::from_le_bytes([*low, *high])))
-            }
-            _ => None,
-        }
+impl<'a> TableElement<'a> {
+    pub(super) fn packet(&self, table: TableKind) -> CrtpPacket {
+        let Self { id, kind, group, name } = self;
+        table
+            .packet(ELEMENT)
+            .with(&id.to_le_bytes())
+            .with(&[*kind])
+            .with(group.as_bytes())
+            .with(&[0])
+            .with(name.as_bytes())
+            .with(&[0])
     }
 
-    /// Reads what a vehicle answers.
-    pub(super) fn read_reply(payload: &'a [u8]) -> Option<Self> {
-        let mut fields = ByteReader::new(payload, ByteOrder::Little);
-        match fields.u8()? {
-            INFO => Some(Self::Info(TableInfo { count: fields.u16()?, crc: fields.u32()? })),
-            ELEMENT if fields.rest().is_empty() => Some(Self::NoElement),
-            ELEMENT => {
-                let (id, kind) = (fields.u16()?, fields.u8()?);
-                let group = fields.text()?;
-                // The end of the second name is the end of the packet; some firmware ends it by a NUL as well.
-                let name = fields.rest().split(|byte| *byte == 0).next().unwrap_or_default();
-                let name = std::str::from_utf8(name).ok()?;
-                Some(Self::Element(TableElement { id, kind, group, name }))
-            }
-            _ => None,
-        }
-    }
-
-    /// Packet by which a vehicle answers.
-    pub(super) fn reply(&self, table: TableKind) -> CrtpPacket {
-        let packet = |command: u8| CrtpPacket::new(table.port(), CHANNEL, &[command]);
-        match self {
-            Self::Info(TableInfo { count, crc }) => {
-                // Most log blocks, and variables in all of them.
-                packet(INFO).with(&count.to_le_bytes()).with(&crc.to_le_bytes()).with(&[16, 128])
-            }
-            Self::Element(TableElement { id, kind, group, name }) => packet(ELEMENT)
-                .with(&id.to_le_bytes())
-                .with(&[*kind])
-                .with(group.as_bytes())
-                .with(&[0])
-                .with(name.as_bytes())
-                .with(&[0]),
-            _ => packet(ELEMENT),
-        }
+    pub(super) fn read(mut fields: ByteReader<'a>) -> Option<Self> {
+        let (id, kind) = (fields.u16()?, fields.u8()?);
+        let group = fields.text()?;
+        // The end of the second name is the end of the packet; some firmware ends it by a NUL as well.
+        let name = fields.rest().split(|byte| *byte == 0).next().unwrap_or_default();
+        let name = std::str::from_utf8(name).ok()?;
+        Some(Self { id, kind, group, name })
     }
 }

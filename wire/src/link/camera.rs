@@ -6,10 +6,9 @@ use std::str::FromStr;
 
 use super::port::HostPort;
 use super::text::{self, InvalidLink, LinkKind, LinkText, option};
+use crate::qtm::QtmVersion;
 use crate::{natnet, qtm, vrpn};
 
-/// Oldest and newest supported versions of QTM's protocol: numbers after `1.` \[-\].
-pub const QTM_VERSIONS: [u8; 2] = [8, 28];
 /// Version of QTM's protocol without the option `version` \[-\].
 const DEFAULT_QTM_VERSION: u8 = 25;
 /// Longest name of a body \[bytes\].
@@ -136,11 +135,11 @@ fn parse_qtm(link: &mut LinkText<'_>) -> Result<CameraProtocol, String> {
 }
 
 fn parse_version(text: &str) -> Result<u8, String> {
-    let [oldest, newest] = QTM_VERSIONS;
     let minor = text.strip_prefix("1.").and_then(|minor| minor.parse().ok());
-    minor
-        .filter(|minor| (oldest..=newest).contains(minor))
-        .ok_or_else(|| format!("version `{text}` is not between 1.{oldest} and 1.{newest}"))
+    minor.filter(|minor| QtmVersion::new(1, *minor).is_supported()).ok_or_else(|| {
+        let (oldest, newest) = (QtmVersion::OLDEST, QtmVersion::NEWEST);
+        format!("version `{text}` is not between {oldest} and {newest}")
+    })
 }
 
 fn parse_natnet(link: &mut LinkText<'_>) -> Result<CameraProtocol, String> {

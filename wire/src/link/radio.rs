@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use crate::hex::from_hex;
+
 /// Greatest channel \[-\].
 const MAX_CHANNEL: u8 = 125;
 
@@ -53,11 +55,8 @@ impl FromStr for RadioSpec {
             .ok_or_else(|| format!("channel `{channel}` is not between 0 and {MAX_CHANNEL}"))?;
         let found = RadioRate::ALL.into_iter().find(|(name, _)| *name == rate);
         let (_, rate) = found.ok_or_else(|| format!("rate `{rate}` is not 250K, 1M or 2M"))?;
-        let is_hexadecimal = address.len() == 10 && address.bytes().all(|b| b.is_ascii_hexdigit());
-        let number = u64::from_str_radix(address, 16).ok().filter(|_| is_hexadecimal);
-        let number =
-            number.ok_or_else(|| format!("address `{address}` is not 10 hexadecimal digits"))?;
-        let [_, _, _, address @ ..] = number.to_be_bytes();
+        let address = from_hex(address.as_bytes())
+            .ok_or_else(|| format!("address `{address}` is not 10 hexadecimal digits"))?;
         Ok(Self { channel, rate, address })
     }
 }

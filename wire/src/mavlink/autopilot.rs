@@ -1,4 +1,4 @@
-//! Autopilots and their modes: the mode in which they follow set-points, and the names of the others.
+//! Autopilots and the mode in which they follow set-points.
 
 use std::fmt;
 
@@ -57,28 +57,6 @@ impl ArduPilotMode {
     pub const GUIDED_NO_GPS: Self = Self(20);
     /// Angles by the pilot's sticks: the mode after the start.
     pub const STABILIZE: Self = Self(0);
-
-    /// Name in ground stations; empty for an unknown mode.
-    pub fn name(self) -> &'static str {
-        match self.0 {
-            0 => "Stabilize",
-            1 => "Acro",
-            2 => "AltHold",
-            3 => "Auto",
-            4 => "Guided",
-            5 => "Loiter",
-            6 => "RTL",
-            7 => "Circle",
-            9 => "Land",
-            13 => "Sport",
-            16 => "PosHold",
-            17 => "Brake",
-            18 => "Throw",
-            20 => "Guided_NoGPS",
-            21 => "Smart_RTL",
-            _ => "",
-        }
-    }
 }
 
 /// Modes of PX4: `custom_mode` holds the main mode in its third byte, and the sub-mode in its fourth.
@@ -99,23 +77,6 @@ impl Px4Mode {
     /// Number of the main mode \[-\].
     pub const fn main_number(self) -> u8 {
         (self.0 >> 16) as u8
-    }
-
-    /// Name of the main mode in ground stations; empty for an unknown mode.
-    pub fn name(self) -> &'static str {
-        match (self.main_number(), self.0 >> 24) {
-            (1, _) => "Manual",
-            (2, _) => "Altitude",
-            (3, _) => "Position",
-            (4, 3) => "Hold",
-            (4, 5) => "Return",
-            (4, 6) => "Land",
-            (4, _) => "Auto",
-            (5, _) => "Acro",
-            (6, _) => "Offboard",
-            (7, _) => "Stabilized",
-            _ => "",
-        }
     }
 }
 
@@ -144,14 +105,6 @@ impl AutopilotKind {
         }
     }
 
-    /// Name of the mode `custom_mode`; empty for an unknown mode.
-    pub fn mode_name(self, custom_mode: u32) -> &'static str {
-        match self {
-            Self::Px4 => Px4Mode(custom_mode).name(),
-            Self::ArduPilot => ArduPilotMode(custom_mode).name(),
-        }
-    }
-
     /// Whether integer parameters are sent as the integer's bits in the field of the real number.
     pub fn sends_integers_as_bits(self) -> bool {
         self == Self::Px4
@@ -167,7 +120,5 @@ mod tests {
         assert_eq!(AutopilotKind::Px4.setpoint_mode(), 0x60000);
         assert_eq!(AutopilotKind::ArduPilot.setpoint_mode(), 20);
         assert!(!AutopilotKind::Px4.follows_setpoints(0x30000));
-        assert_eq!(AutopilotKind::Px4.mode_name(0x30000), "Position");
-        assert_eq!(AutopilotKind::ArduPilot.mode_name(20), "Guided_NoGPS");
     }
 }

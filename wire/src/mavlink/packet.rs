@@ -8,8 +8,7 @@ use crc::{CRC_16_MCRF4XX, Crc};
 use super::address::MavlinkAddress;
 use super::content::MavlinkContent;
 use super::crc_extra::crc_extra;
-use super::packet_bytes::{MAX_PACKET, MavlinkWire};
-use super::payload::MavlinkPayload;
+use super::payload::{MAX_PACKET, MavlinkPayload, MavlinkWire};
 use super::signature::{SIGNATURE, SignatureCheck, SignedBytes, Signer, SigningKey};
 use super::{read, write};
 use crate::stream::{Decoder, Grammar, Verdict};
@@ -97,21 +96,11 @@ impl MavlinkEncoder {
         let flags = if self.signs() { SIGNED } else { 0 };
         let length = payload.len() as u8;
         let MavlinkAddress { system, component } = self.own;
-        let mut wire = MavlinkWire::copy_of(&[
-            START,
-            length,
-            flags,
-            0,
-            self.sequence,
-            system,
-            component,
-            low,
-            middle,
-            high,
-        ])?;
-        wire.append(payload);
+        let mut wire = MavlinkWire::EMPTY;
+        wire.put(&[START, length, flags, 0, self.sequence, system, component, low, middle, high]);
+        wire.put(payload);
         let checksum = checksum(&wire.as_bytes()[1..], crc_extra(id)?);
-        wire.append(&checksum.to_le_bytes());
+        wire.put(&checksum.to_le_bytes());
         if let Some(signer) = &mut self.signer {
             signer.sign(&mut wire);
         }

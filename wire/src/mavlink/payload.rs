@@ -1,8 +1,15 @@
-//! Payloads of MAVLink 2: little endian, the widest fields first, fields of an extension last; zeros at the end are not sent.
+//! Bytes of packets, and payloads of MAVLink 2: little endian, the widest fields first, fields of an extension last; zeros at the end
+//! are not sent.
 //!
 //! Field orders are those of the message definitions, `common.xml` and `ardupilotmega.xml` of <https://github.com/mavlink/mavlink>.
 
-use crate::bytes::{ByteOrder, ByteReader};
+use crate::bytes::{ByteArray, ByteOrder, ByteReader};
+
+/// Longest packet, signed \[bytes\].
+pub const MAX_PACKET: usize = 280;
+
+/// Bytes of a packet.
+pub type MavlinkWire = ByteArray<MAX_PACKET>;
 
 /// Greatest length of a payload \[bytes\].
 pub(super) const MAX_PAYLOAD: usize = 255;

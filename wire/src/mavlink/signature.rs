@@ -8,7 +8,7 @@ use std::fmt;
 use sha2::{Digest, Sha256};
 
 use super::address::MavlinkAddress;
-use super::packet_bytes::MavlinkWire;
+use super::payload::MavlinkWire;
 use crate::hex::{from_hex, to_hex};
 
 /// Length of a signature, with the number of its link and its stamp \[bytes\].
@@ -76,10 +76,9 @@ impl Signer {
     /// Appends the signature to a packet.
     pub(super) fn sign(&mut self, wire: &mut MavlinkWire) {
         let [stamp @ .., _, _] = self.stamp.to_le_bytes();
-        wire.append(&[LINK]);
-        wire.append(&stamp);
+        wire.put(&[LINK]).put(&stamp);
         let signature = self.key.signature_of(wire.as_bytes());
-        wire.append(&signature);
+        wire.put(&signature);
         self.stamp += 1;
     }
 
@@ -107,7 +106,7 @@ pub struct SignedBytes(MavlinkWire);
 impl SignedBytes {
     /// Copy of a whole signed packet; `None` if it is longer than any.
     pub(super) fn of(frame: &[u8]) -> Option<Self> {
-        MavlinkWire::copy_of(frame).map(Self)
+        MavlinkWire::of(frame).map(Self)
     }
 
     /// Signed bytes, link, stamp \[10 us since 1 January 2015\] and signature.

@@ -2,7 +2,6 @@
 
 use super::message::{MessageId, NatNetVersion, write_content};
 use super::model::BodyDefinition;
-use super::server_info::ServerInfo;
 use crate::bytes::{ByteOrder, ByteWriter, count_u32};
 use crate::motion::{BodySample, MotionFrame};
 
@@ -12,14 +11,17 @@ const HAS_MODEL: i16 = 0x08;
 /// Diameter of a marker \[m\].
 const MARKER_SIZE_M: f32 = 0.014;
 
-/// Appends the message of a frame to `out`, as the server of `info` writes it; `bodies` defines those of the frame.
-pub fn write_frame(
+/// Rate of the clock in the frames \[Hz\].
+pub(super) const CLOCK_HZ: u64 = 10_000_000;
+
+/// Appends the message of a frame to `out`, as a server of this version writes it; `bodies` defines those of the frame.
+pub(super) fn write_frame(
     frame: &MotionFrame<'_>,
     bodies: &[BodyDefinition],
-    info: &ServerInfo,
+    version: NatNetVersion,
     out: &mut Vec<u8>,
 ) {
-    let sized = info.version >= NatNetVersion::SIZED;
+    let sized = version >= NatNetVersion::SIZED;
     write_content(out, MessageId::Frame, |writer| {
         writer.u32(frame.number);
         let empty = |writer: &mut ByteWriter<'_>| section(writer, sized, (0, &[]));
@@ -41,7 +43,7 @@ pub fn write_frame(
         // Force plates and devices.
         empty(writer);
         empty(writer);
-        write_suffix(writer, frame, info);
+        write_suffix(writer, frame, sized);
     });
 }
 
@@ -84,13 +86,13 @@ fn labelled_markers(frame: &MotionFrame<'_>, bodies: &[BodyDefinition]) -> (u32,
     (count, elements)
 }
 
-fn write_suffix(writer: &mut ByteWriter<'_>, frame: &MotionFrame<'_>, info: &ServerInfo) {
-    let ticks = |nanos: u64| (u128::from(nanos) * u128::from(info.clock_hz) / 1_000_000_000) as u64;
+fn write_suffix(writer: &mut ByteWriter<'_>, frame: &MotionFrame<'_>, sized: bool) {
+    let ticks = |nanos: u64| (u128::from(nanos) * u128::from(CLOCK_HZ) / 1_000_000_000) as u64;
     let (captured, sent) = (ticks(frame.captured_ns), ticks(frame.sent_ns));
     // No timecode.
     writer.u32(0).u32(0).f64(frame.captured_ns as f64 * 1e-9);
     writer.u64(captured).u64(sent).u64(sent);
-    if info.version >= NatNetVersion::SIZED {
+    if sized {
         // No precision time: the server has no reference clock.
         writer.u32(0).u32(0);
     }

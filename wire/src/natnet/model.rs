@@ -19,8 +19,6 @@ pub struct BodyDefinition {
 pub struct ModelDefinitions {
     /// Rigid bodies.
     pub bodies: Vec<BodyDefinition>,
-    /// Whether definitions follow that cannot be skipped: force plates or devices before version 4.1, or unknown kinds.
-    pub incomplete: bool,
 }
 
 impl ModelDefinitions {

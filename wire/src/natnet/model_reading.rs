@@ -31,10 +31,8 @@ fn read(content: &[u8], version: NatNetVersion) -> Option<ModelDefinitions> {
             0 => skip_marker_set(&mut reader)?,
             1 => models.bodies.push(read_body(&mut reader, version)?),
             2 => skip_skeleton(&mut reader, version)?,
-            _ => {
-                models.incomplete = true;
-                break;
-            }
+            // Force plates, devices or an unknown kind, whose length is not known: the rest cannot be read.
+            _ => break,
         }
     }
     Some(models)

@@ -3,7 +3,7 @@
 use std::net::{Ipv4Addr, SocketAddr};
 
 use super::DATA_PORT;
-use super::frame_writing::write_frame;
+use super::frame_writing::{CLOCK_HZ, write_frame};
 use super::message::{MessageId, NatNetMessage, NatNetVersion, write_content};
 use super::model::{BodyDefinition, ModelDefinitions};
 use super::server_info::ServerInfo;
@@ -13,8 +13,6 @@ use crate::motion::MotionFrame;
 const MAX_CLIENTS: usize = 10;
 /// Silence after which a unicast client is removed \[ns\].
 const SILENCE_NS: u64 = 10_000_000_000;
-/// Rate of the clock in the frames \[Hz\].
-const CLOCK_HZ: u64 = 10_000_000;
 
 /// Options of a server.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +69,7 @@ impl NatNetServer {
             data_port: options.data_port,
             multicast: options.multicast,
         };
-        let models = ModelDefinitions { bodies: options.bodies, incomplete: false };
+        let models = ModelDefinitions { bodies: options.bodies };
         Self { info, rate_hz: options.rate_hz, models, clients: Vec::new() }
     }
 
@@ -104,12 +102,7 @@ impl NatNetServer {
     /// Appends a frame to `out`: for the unicast client at `to`, or else for the group.
     pub fn write_frame(&self, frame: &MotionFrame<'_>, to: Option<SocketAddr>, out: &mut Vec<u8>) {
         let version = to.map_or(self.info.version, |to| self.version_of(to));
-        if version == self.info.version {
-            write_frame(frame, &self.models.bodies, &self.info, out);
-        } else {
-            let info = ServerInfo { version, ..self.info.clone() };
-            write_frame(frame, &self.models.bodies, &info, out);
-        }
+        write_frame(frame, &self.models.bodies, version, out);
     }
 
     /// Version in which a client is answered.

@@ -156,11 +156,6 @@ impl QtmClient {
             self.dialogue.request_parameters();
         }
     }
-
-    /// Ends the stream, as before a client disconnects.
-    pub fn stop(&mut self) {
-        self.dialogue.send(&QtmCommand::StreamStop);
-    }
 }
 
 impl Dialogue {

@@ -69,8 +69,8 @@ impl<'a> DataPacket<'a> {
             let mut content = ByteReader::new(reader.bytes(size.checked_sub(8)?)?, order);
             let kind = ComponentKind::from_number(kind)?;
             let count = content.u32()?;
-            let (drop_rate, out_of_sync) = (content.u16()?, content.u16()?);
-            Some(Component { kind, count, drop_rate, out_of_sync, content })
+            let (_drop_rate, _out_of_sync) = (content.u16()?, content.u16()?);
+            Some(Component { kind, count, content })
         })
     }
 
@@ -104,8 +104,6 @@ fn check_component(
 pub struct Component<'a> {
     kind: ComponentKind,
     count: u32,
-    drop_rate: u16,
-    out_of_sync: u16,
     content: ByteReader<'a>,
 }
 
@@ -113,16 +111,6 @@ impl<'a> Component<'a> {
     /// Kind.
     pub fn kind(&self) -> ComponentKind {
         self.kind
-    }
-
-    /// Lost camera frames \[per mille\].
-    pub fn drop_rate(&self) -> u16 {
-        self.drop_rate
-    }
-
-    /// Camera frames out of synchronisation \[per mille\].
-    pub fn out_of_sync(&self) -> u16 {
-        self.out_of_sync
     }
 
     /// The bodies, in the order of the parameters; none in a component of markers.

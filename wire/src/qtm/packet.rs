@@ -5,7 +5,7 @@ use super::event::QtmEvent;
 use crate::bytes::{ByteOrder, ByteReader, count_u32};
 
 /// Length of the header: size and type \[bytes\].
-pub const HEADER_BYTES: usize = 8;
+const HEADER_BYTES: usize = 8;
 /// Greatest packet that a client accepts \[bytes\].
 pub const MAX_FROM_SERVER: usize = 1 << 20;
 /// Greatest packet that a server accepts \[bytes\].

@@ -48,11 +48,6 @@ impl QtmSession {
         self.client
     }
 
-    /// Byte order of the connection.
-    pub fn order(&self) -> ByteOrder {
-        self.order
-    }
-
     /// The stream requested by the client.
     pub fn subscription(&self) -> Option<&StreamRequest> {
         self.subscription.as_ref()

@@ -10,16 +10,14 @@ pub struct NameTable {
 }
 
 impl NameTable {
-    /// Enters a name; whether it was entered. Negative numbers and those above 1999 are not.
-    pub fn set(&mut self, number: i32, name: &str) -> bool {
-        let Some(index) = usize::try_from(number).ok().filter(|index| *index < MAX_NAMES) else {
-            return false;
-        };
+    /// Enters a name. Negative numbers and those above 1999 are left out.
+    pub fn set(&mut self, number: i32, name: &str) {
+        let index = usize::try_from(number).ok().filter(|index| *index < MAX_NAMES);
+        let Some(index) = index else { return };
         if self.names.len() <= index {
             self.names.resize(index + 1, None);
         }
         self.names[index] = Some(name.to_owned());
-        true
     }
 
     /// The name of a number.

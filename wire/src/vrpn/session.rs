@@ -75,14 +75,9 @@ impl VrpnSession {
                     let name = self.senders.get(message.sender).unwrap_or(CONTROL);
                     let sender = self.bodies.iter().position(|body| body == name);
                     let sender = sender.map_or(0, |index| index as i32 + 1);
-                    let time = (message.seconds, message.micros);
-                    let pong = VrpnMessage {
-                        seconds: time.0,
-                        micros: time.1,
-                        ..VrpnMessage::new(sender, PONG)
-                    };
-                    write_message(out, &pong, self.sequence);
-                    self.sequence = self.sequence.wrapping_add(1);
+                    let VrpnMessage { seconds, micros, .. } = message;
+                    let pong = VrpnMessage { seconds, micros, ..VrpnMessage::new(sender, PONG) };
+                    self.send(&pong, out);
                 }
                 _ => {}
             }

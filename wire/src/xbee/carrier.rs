@@ -109,7 +109,7 @@ impl Carrier {
     pub fn wrap(&self, id: u8, payload: &[u8]) -> Result<WireBytes, TooLong> {
         let payload = Payload::try_from(payload)?;
         Ok(match self.escapes() {
-            None => WireBytes::plain(&payload),
+            None => WireBytes::of(&payload).unwrap_or(WireBytes::EMPTY),
             Some(escaped) => self.frame_of(id, payload).to_wire(escaped),
         })
     }

@@ -1,18 +1,13 @@
 //! Fields of API frames.
 
-use std::ops::Deref;
-
-use super::packet::{ApiPacket, MAX_DATA, MAX_PAYLOAD, WireBytes};
+use super::packet::{ApiPacket, MAX_DATA, MAX_PAYLOAD, WireBytes, framed};
+use crate::bytes::{ByteArray, ByteOrder, ByteReader};
 
 /// Network address for an unknown one \[-\].
 pub const UNKNOWN_NETWORK: u16 = 0xFFFE;
 
 /// Payload of up to [`MAX_PAYLOAD`] bytes.
-#[derive(Clone, Copy)]
-pub struct Payload {
-    bytes: [u8; MAX_PAYLOAD],
-    length: usize,
-}
+pub type Payload = ByteArray<MAX_PAYLOAD>;
 
 /// Error: more bytes than a radio packet holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -23,32 +18,7 @@ impl TryFrom<&[u8]> for Payload {
     type Error = TooLong;
 
     fn try_from(bytes: &[u8]) -> Result<Self, TooLong> {
-        let mut payload = Self { bytes: [0; MAX_PAYLOAD], length: bytes.len() };
-        let place = payload.bytes.get_mut(..bytes.len()).ok_or(TooLong(bytes.len()))?;
-        place.copy_from_slice(bytes);
-        Ok(payload)
-    }
-}
-
-impl Deref for Payload {
-    type Target = [u8];
-
-    fn deref(&self) -> &[u8] {
-        &self.bytes[..self.length]
-    }
-}
-
-impl PartialEq for Payload {
-    fn eq(&self, other: &Self) -> bool {
-        **self == **other
-    }
-}
-
-impl Eq for Payload {}
-
-impl std::fmt::Debug for Payload {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:02x?}", &**self)
+        Self::of(bytes).ok_or(TooLong(bytes.len()))
     }
 }
 
@@ -102,25 +72,25 @@ impl ApiFrame {
     /// An unsupported kind of frame, or a wrong length.
     pub fn parse(packet: &ApiPacket) -> Result<Self, ApiFrameError> {
         let (kind, length) = (packet.kind(), packet.body().len());
-        let mut fields = FieldReader(packet.body());
+        let mut fields = ByteReader::new(packet.body(), ByteOrder::Big);
         let frame = match kind {
-            0x10 => fields.tx_request(),
-            0x01 => fields.tx_request_16(),
-            0x90 => fields.rx_packet(),
-            0x80 => fields.rx_packet_64(),
-            0x81 => fields.rx_packet_16(),
-            0x89 => fields.tx_status(),
-            0x8B => fields.tx_status_extended(),
-            0x8A => fields.byte().map(Self::ModemStatus),
+            0x10 => tx_request(&mut fields),
+            0x01 => tx_request_16(&mut fields),
+            0x90 => rx_packet(&mut fields),
+            0x80 => rx_packet_64(&mut fields),
+            0x81 => rx_packet_16(&mut fields),
+            0x89 => tx_status(&mut fields),
+            0x8B => tx_status_extended(&mut fields),
+            0x8A => fields.u8().map(Self::ModemStatus),
             _ => return Err(ApiFrameError::Kind(kind)),
         };
         // Frames without payload must end where their fields do.
-        frame.filter(|_| fields.0.is_empty()).ok_or(ApiFrameError::Length { kind, length })
+        frame.filter(|_| fields.rest().is_empty()).ok_or(ApiFrameError::Length { kind, length })
     }
 
     /// Encodes the frame for the serial port, with escapes (API mode 2) or without (mode 1).
     pub fn to_wire(&self, escaped: bool) -> WireBytes {
-        let mut data = FrameData { bytes: [0; MAX_DATA], length: 0 };
+        let mut data = ByteArray::<MAX_DATA>::EMPTY;
         match self {
             Self::TxRequest { id, to, network, radius, options, payload } => data
                 .put(&[0x10, *id])
@@ -150,87 +120,49 @@ impl ApiFrame {
                 .put(&[*retries, *delivery, *discovery]),
             Self::ModemStatus(status) => data.put(&[0x8A, *status]),
         };
-        WireBytes::framed(&data.bytes[..data.length], escaped)
+        framed(&data, escaped)
     }
 }
 
-/// Content of a frame between length and checksum, under construction.
-struct FrameData {
-    bytes: [u8; MAX_DATA],
-    length: usize,
+// Fields of each kind of frame, in the order of the wire.
+
+fn payload(fields: &mut ByteReader<'_>) -> Option<Payload> {
+    let rest = fields.bytes(fields.rest().len())?;
+    Payload::of(rest)
 }
 
-impl FrameData {
-    /// Appends a field. No frame exceeds [`MAX_DATA`], since no payload exceeds [`MAX_PAYLOAD`].
-    fn put(&mut self, field: &[u8]) -> &mut Self {
-        let end = self.length + field.len();
-        if let Some(place) = self.bytes.get_mut(self.length..end) {
-            place.copy_from_slice(field);
-            self.length = end;
-        }
-        self
-    }
+fn tx_request(fields: &mut ByteReader<'_>) -> Option<ApiFrame> {
+    let (id, to, network) = (fields.u8()?, fields.u64()?, fields.u16()?);
+    let [radius, options] = fields.take()?;
+    Some(ApiFrame::TxRequest { id, to, network, radius, options, payload: payload(fields)? })
 }
 
-/// Reader of the fields of a frame, one after another.
-struct FieldReader<'a>(&'a [u8]);
+fn tx_request_16(fields: &mut ByteReader<'_>) -> Option<ApiFrame> {
+    let (id, to, options) = (fields.u8()?, fields.u16()?, fields.u8()?);
+    Some(ApiFrame::TxRequest16 { id, to, options, payload: payload(fields)? })
+}
 
-impl FieldReader<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (field, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(*field)
-    }
+fn rx_packet(fields: &mut ByteReader<'_>) -> Option<ApiFrame> {
+    let (from, network, options) = (fields.u64()?, fields.u16()?, fields.u8()?);
+    Some(ApiFrame::RxPacket { from, network, options, payload: payload(fields)? })
+}
 
-    fn byte(&mut self) -> Option<u8> {
-        self.take().map(|[byte]| byte)
-    }
+fn rx_packet_64(fields: &mut ByteReader<'_>) -> Option<ApiFrame> {
+    let (from, [rssi, options]) = (fields.u64()?, fields.take()?);
+    Some(ApiFrame::RxPacket64 { from, rssi, options, payload: payload(fields)? })
+}
 
-    fn short(&mut self) -> Option<u16> {
-        self.take().map(u16::from_be_bytes)
-    }
+fn rx_packet_16(fields: &mut ByteReader<'_>) -> Option<ApiFrame> {
+    let (from, [rssi, options]) = (fields.u16()?, fields.take()?);
+    Some(ApiFrame::RxPacket16 { from, rssi, options, payload: payload(fields)? })
+}
 
-    fn long(&mut self) -> Option<u64> {
-        self.take().map(u64::from_be_bytes)
-    }
+fn tx_status(fields: &mut ByteReader<'_>) -> Option<ApiFrame> {
+    fields.take().map(|[id, status]| ApiFrame::TxStatus { id, status })
+}
 
-    fn payload(&mut self) -> Option<Payload> {
-        Payload::try_from(std::mem::take(&mut self.0)).ok()
-    }
-
-    fn tx_request(&mut self) -> Option<ApiFrame> {
-        let (id, to, network) = (self.byte()?, self.long()?, self.short()?);
-        let [radius, options] = self.take()?;
-        Some(ApiFrame::TxRequest { id, to, network, radius, options, payload: self.payload()? })
-    }
-
-    fn tx_request_16(&mut self) -> Option<ApiFrame> {
-        let (id, to, options) = (self.byte()?, self.short()?, self.byte()?);
-        Some(ApiFrame::TxRequest16 { id, to, options, payload: self.payload()? })
-    }
-
-    fn rx_packet(&mut self) -> Option<ApiFrame> {
-        let (from, network, options) = (self.long()?, self.short()?, self.byte()?);
-        Some(ApiFrame::RxPacket { from, network, options, payload: self.payload()? })
-    }
-
-    fn rx_packet_64(&mut self) -> Option<ApiFrame> {
-        let (from, [rssi, options]) = (self.long()?, self.take()?);
-        Some(ApiFrame::RxPacket64 { from, rssi, options, payload: self.payload()? })
-    }
-
-    fn rx_packet_16(&mut self) -> Option<ApiFrame> {
-        let (from, [rssi, options]) = (self.short()?, self.take()?);
-        Some(ApiFrame::RxPacket16 { from, rssi, options, payload: self.payload()? })
-    }
-
-    fn tx_status(&mut self) -> Option<ApiFrame> {
-        self.take().map(|[id, status]| ApiFrame::TxStatus { id, status })
-    }
-
-    fn tx_status_extended(&mut self) -> Option<ApiFrame> {
-        let (id, network) = (self.byte()?, self.short()?);
-        let [retries, delivery, discovery] = self.take()?;
-        Some(ApiFrame::TxStatusExtended { id, network, retries, delivery, discovery })
-    }
+fn tx_status_extended(fields: &mut ByteReader<'_>) -> Option<ApiFrame> {
+    let (id, network) = (fields.u8()?, fields.u16()?);
+    let [retries, delivery, discovery] = fields.take()?;
+    Some(ApiFrame::TxStatusExtended { id, network, retries, delivery, discovery })
 }

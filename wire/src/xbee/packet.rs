@@ -1,5 +1,7 @@
 //! API frames as bytes: start, length, checksum, escapes.
 
+use crate::bytes::ByteArray;
+
 /// First byte of every API frame \[-\].
 pub const START: u8 = 0x7E;
 /// Byte that precedes an escaped byte in API mode 2.
@@ -82,51 +84,22 @@ fn sum(bytes: &[u8]) -> u8 {
 }
 
 /// Bytes for the serial port.
-#[derive(Clone, Copy, Debug)]
-pub struct WireBytes {
-    bytes: [u8; MAX_WIRE],
-    length: usize,
-}
+pub type WireBytes = ByteArray<MAX_WIRE>;
 
-impl WireBytes {
-    /// No bytes.
-    pub(super) const EMPTY: Self = Self { bytes: [0; MAX_WIRE], length: 0 };
-
-    /// The bytes.
-    pub fn as_bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
-    }
-
-    /// Bytes without framing, cut off beyond [`MAX_WIRE`].
-    pub(super) fn plain(bytes: &[u8]) -> Self {
-        let mut wire = Self::EMPTY;
-        bytes.iter().for_each(|byte| wire.put(*byte));
-        wire
-    }
-
-    /// Frame of `data`: start, length, data, checksum, `escaped` or not.
-    pub(super) fn framed(data: &[u8], escaped: bool) -> Self {
-        let mut wire = Self::EMPTY;
-        wire.put(START);
-        let length = (data.len() as u16).to_be_bytes();
-        let checksum = [!sum(data)];
-        for byte in length.iter().chain(data).chain(&checksum) {
-            if escaped && is_special(*byte) {
-                wire.put(ESCAPE);
-                wire.put(byte ^ FLIP);
-            } else {
-                wire.put(*byte);
-            }
-        }
-        wire
-    }
-
-    fn put(&mut self, byte: u8) {
-        if let Some(place) = self.bytes.get_mut(self.length) {
-            *place = byte;
-            self.length += 1;
+/// Frame of `data`: start, length, data, checksum, `escaped` or not.
+pub(super) fn framed(data: &[u8], escaped: bool) -> WireBytes {
+    let mut wire = WireBytes::EMPTY;
+    wire.put(&[START]);
+    let length = (data.len() as u16).to_be_bytes();
+    let checksum = [!sum(data)];
+    for byte in length.iter().chain(data).chain(&checksum) {
+        if escaped && is_special(*byte) {
+            wire.put(&[ESCAPE, byte ^ FLIP]);
+        } else {
+            wire.put(&[*byte]);
         }
     }
+    wire
 }
 
 fn is_special(byte: u8) -> bool {
@@ -135,8 +108,7 @@ fn is_special(byte: u8) -> bool {
 
 /// Frame of API mode 2 without its escapes.
 pub(super) struct Unescaped {
-    bytes: [u8; MAX_PLAIN],
-    length: usize,
+    plain: ByteArray<MAX_PLAIN>,
     /// Number of bytes read, escapes included \[bytes\].
     pub(super) read: usize,
 }
@@ -147,27 +119,26 @@ pub(super) struct BadEscape;
 impl Unescaped {
     /// Removes escapes from `bytes` until `wanted` bytes are read, or `bytes` end.
     pub(super) fn read(bytes: &[u8], wanted: usize) -> Result<Self, BadEscape> {
-        let mut plain = Self { bytes: [0; MAX_PLAIN], length: 0, read: 0 };
-        while plain.length < wanted.min(MAX_PLAIN) {
-            let byte = match bytes[plain.read..] {
-                [first, ..] if plain.read == 0 => first,
+        let (mut plain, mut read) = (ByteArray::EMPTY, 0);
+        while plain.len() < wanted.min(MAX_PLAIN) {
+            let byte = match bytes[read..] {
+                [first, ..] if read == 0 => first,
                 [] | [ESCAPE] => break,
                 [ESCAPE, escaped, ..] if is_special(escaped ^ FLIP) => {
-                    plain.read += 1;
+                    read += 1;
                     escaped ^ FLIP
                 }
                 [byte, ..] if is_special(byte) => return Err(BadEscape),
                 [byte, ..] => byte,
             };
-            plain.read += 1;
-            plain.bytes[plain.length] = byte;
-            plain.length += 1;
+            read += 1;
+            plain.put(&[byte]);
         }
-        Ok(plain)
+        Ok(Self { plain, read })
     }
 
     pub(super) fn as_bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
+        self.plain.as_bytes()
     }
 }
 
@@ -177,7 +148,7 @@ mod tests {
 
     #[test]
     fn each_error_in_a_frame_is_reported() {
-        let frame = WireBytes::framed(&[0x8A, 0x06], false);
+        let frame = framed(&[0x8A, 0x06], false);
         let mut bytes = frame.as_bytes().to_vec();
         assert_eq!(ApiPacket::new_checked(&bytes).map(|packet| packet.kind()), Ok(0x8A));
         assert_eq!(ApiPacket::new_checked(&bytes[..5]).unwrap_err(), PacketError::Length(5));

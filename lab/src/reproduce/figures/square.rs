@@ -14,8 +14,8 @@ use oqtal_observe::plot::figure::in_plane;
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::{Point, Trace, thin_path};
 
+use super::over;
 use super::scene::{Point3, Scene, around};
-use super::{Figure, over};
 
 /// Number of runs shown in one figure.
 const REPEATED: usize = 5;
@@ -35,19 +35,14 @@ struct LawRuns {
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn all(among: &[StudyLaw]) -> Result<Vec<Figure>, Failure> {
+pub fn all(among: &[StudyLaw]) -> Result<Vec<Markup>, Failure> {
     let laws: Result<Vec<LawRuns>, Failure> = [("pid", 20), ("lqr", 21), ("oqtal", 22)]
         .into_iter()
         .map(|(name, figure)| best_runs(among, name, figure))
         .collect();
     let laws = laws?;
-    let mut figures = vec![
-        Figure { number: 17, markup: in_space(&laws) },
-        Figure { number: 18, markup: position(&laws) },
-        Figure { number: 19, markup: attitude(&laws) },
-    ];
-    figures.extend(laws.iter().map(|law| Figure { number: law.figure, markup: five_runs(law) }));
-    Ok(figures)
+    let of_all = [in_space(&laws), position(&laws), attitude(&laws)];
+    Ok(of_all.into_iter().chain(laws.iter().map(five_runs)).collect())
 }
 
 fn best_runs(laws: &[StudyLaw], controller: &'static str, figure: u8) -> Result<LawRuns, Failure> {

@@ -12,8 +12,8 @@ use oqtal_observe::plot::figure::in_plane;
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::{Point, Trace};
 
+use super::over;
 use super::scene::{Point3, Scene, around};
-use super::{Figure, over};
 
 /// One tick of a turn: time \[s\], position \[m\] and velocity \[m/s\] with x down range, pitch \[deg\].
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +34,7 @@ struct TurnPath {
 ///
 /// # Errors
 /// An option of a law is invalid.
-pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
+pub fn all(lander: &Lander) -> Result<Vec<Markup>, OptionError> {
     let laws: [(&'static str, Ink, ControlOptions); 3] = [
         ("PID", Ink::Third, roster::pid([50.0, 5.95, 1.15], RateFeedback::Omega)),
         ("classic LQR", Ink::Second, roster::lqr([128.0, 1.0], Cells::Centred)),
@@ -61,13 +61,12 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
     };
     // Figures with the same height are placed side by side.
     Ok([
-        (10, in_space(&paths)),
-        (11, position),
-        (12, over("Fig. 12: pitch [deg] over altitude", " m", pitch)),
-        (13, over_time("Fig. 13: velocity in x [m/s]", |t| t.velocity[0])),
-        (14, over_time("Fig. 14: velocity in z [m/s]", |t| t.velocity[2])),
+        in_space(&paths),
+        position,
+        over("Fig. 12: pitch [deg] over altitude", " m", pitch),
+        over_time("Fig. 13: velocity in x [m/s]", |t| t.velocity[0]),
+        over_time("Fig. 14: velocity in z [m/s]", |t| t.velocity[2]),
     ]
-    .map(|(number, markup)| Figure { number, markup })
     .into())
 }
 

@@ -5,6 +5,7 @@ use oqtal_control::LawStack;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use crate::campaign::table::MaxQ;
 use crate::study::flights::{path, table, value_at};
 use crate::study::law::{self, StudyLaw};
 use crate::study::metric::{ATTITUDE, of_path};
@@ -19,53 +20,30 @@ const MOST_RAISES: usize = 16;
 /// Seeds of the flights with raised weights.
 const RAISED_SEEDS: std::ops::Range<u64> = 200..202;
 
-/// The greatest weight of a law, and how it was found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum MaxQ {
-    /// Last weight before the error rises \[-\].
-    Reached(f64),
-    /// Last weight tried, at which the error had not yet risen \[-\].
-    AtLeast(f64),
-}
-
-impl MaxQ {
-    /// Searches for the greatest weight of `law` on the configured plant.
-    ///
-    /// # Errors
-    /// A setting is invalid.
-    pub fn of(law: &StudyLaw) -> Result<Self, Failure> {
-        let registered = law::of_name(law.controller).expect("every law is registered");
-        let key = &*parameters(registered, LawStack::Default)[0].key;
-        let set = law.settings.iter().find(|setting| setting.key == key);
-        let start = set.and_then(|setting| setting.value.as_float());
-        let shipped = || value_at(&table(&Config::default()), key)?.as_float();
-        let start = start.or_else(shipped).expect("a gain is a number of the configuration");
-        let weights: Vec<f64> = (0..MOST_RAISES).map(|k| start * RAISE.powi(k as i32)).collect();
-        let errors: Result<Vec<f64>, Failure> =
-            weights.par_iter().map(|weight| attitude_error(law, key, *weight)).collect();
-        let (mut least, mut greatest) = (f64::INFINITY, start);
-        for (weight, error) in weights.iter().zip(errors?) {
-            least = error.min(least);
-            if error > RISEN * least || !error.is_finite() {
-                return Ok(Self::Reached(greatest));
-            }
-            greatest = *weight;
+/// Searches for the greatest weight of `law` on the configured plant: the last one before the error rises, or the last one tried, at
+/// which the error had not yet risen.
+///
+/// # Errors
+/// A setting is invalid.
+pub fn max_q(law: &StudyLaw) -> Result<MaxQ, Failure> {
+    let registered = law::of_name(law.controller).expect("every law is registered");
+    let key = &*parameters(registered, LawStack::Default)[0].key;
+    let set = law.settings.iter().find(|setting| setting.key == key);
+    let start = set.and_then(|setting| setting.value.as_float());
+    let shipped = || value_at(&table(&Config::default()), key)?.as_float();
+    let start = start.or_else(shipped).expect("a gain is a number of the configuration");
+    let weights: Vec<f64> = (0..MOST_RAISES).map(|k| start * RAISE.powi(k as i32)).collect();
+    let errors: Result<Vec<f64>, Failure> =
+        weights.par_iter().map(|weight| attitude_error(law, key, *weight)).collect();
+    let (mut least, mut greatest) = (f64::INFINITY, start);
+    for (weight, error) in weights.iter().zip(errors?) {
+        least = error.min(least);
+        if error > RISEN * least || !error.is_finite() {
+            return Ok(MaxQ { weight: greatest, found: "reached" });
         }
-        Ok(Self::AtLeast(greatest))
+        greatest = *weight;
     }
-
-    /// Weight and how it was found, as cells of the nominal plant.
-    pub fn cells(self) -> (f64, &'static str) {
-        match self {
-            Self::Reached(weight) => (weight, "reached"),
-            Self::AtLeast(weight) => (weight, "at least"),
-        }
-    }
-
-    /// Weight found on the nominal plant, as cells of another plant.
-    pub fn cells_elsewhere(self) -> (f64, &'static str) {
-        (self.cells().0, "the nominal plant's")
-    }
+    Ok(MaxQ { weight: greatest, found: "at least" })
 }
 
 fn attitude_error(law: &StudyLaw, key: &str, weight: f64) -> Result<f64, Failure> {
