@@ -220,6 +220,51 @@ fn f58_the_heading_of_a_vehicle_without_rates_shows_that_poses_are_frozen() {
     }
 }
 
+/// States of a flight under `oqtal-dt` with `fault`, in order.
+fn states(shape: &str, settings: &[&str], fault: &str, seed: u64) -> Vec<SafetyState> {
+    let own = [
+        "control.controller=oqtal-dt".to_owned(),
+        format!("trajectory.kind={shape}"),
+        format!("clock.seed={seed}"),
+        format!("fault.inject=[{fault:?}]"),
+    ];
+    let others = settings.iter().map(|text| (*text).to_owned());
+    let flown = fly(&mission(&own.into_iter().chain(others).collect::<Vec<_>>())).unwrap();
+    let states = flown.armed().chain(flown.samples.last());
+    let mut states: Vec<_> = states.map(|sample| sample.telemetry.state).collect();
+    states.dedup();
+    states.into_iter().filter_map(SafetyState::from_code).collect()
+}
+
+/// After wrong poses the motion is not known: level and without poses, such a vehicle would slide or climb away.
+#[test]
+fn f48_a_vehicle_does_not_descend_without_poses_if_they_were_wrong_before_and_does_if_they_are_lost()
+ {
+    use SafetyState::{Descend, Stop};
+    let attitude = ["vehicle.interface=attitude"];
+    for seed in FIRST_SEED..FIRST_SEED + 3 {
+        for (shape, fault) in [
+            ("hover", "pose:drift=0.5m/s@9.3+0.15"),
+            ("lemniscate", "pose:frozen-noise=1mm@9.3+0.3"),
+        ] {
+            let states = states(shape, &attitude, fault, seed);
+            assert!(states.contains(&Stop) && !states.contains(&Descend), "{shape}: {states:?}");
+        }
+        let lost = states("circle", &attitude, "pose:off@9.3+0.5", seed);
+        assert!(lost.contains(&Descend) && !lost.contains(&Stop), "{lost:?}");
+    }
+}
+
+#[test]
+fn f59_a_law_that_follows_a_path_turned_against_the_attitude_far_away_is_stopped_and_does_not_land()
+{
+    for seed in FIRST_SEED..FIRST_SEED + 3 {
+        let states = states("hover", &[], "pose:rotate=90deg@8", seed);
+        assert!(!states.contains(&SafetyState::Land), "{states:?}");
+        assert_eq!(states.last(), Some(&SafetyState::Stop));
+    }
+}
+
 /// Settings of a flight without a fault: any law, shape, cameras, noise told or not, plant, wind, gusts, pushes and losses.
 fn innocent(seed: u64) -> Vec<String> {
     let random = &mut Random(seed << 32);

@@ -56,10 +56,51 @@ impl FenceOptions {
         }
         let corners = self.polygon_m.len();
         let finite = self.polygon_m.iter().flatten().all(|number| number.is_finite());
-        if corners == 0 || (3..=MOST_CORNERS).contains(&corners) && finite {
-            return Ok(());
+        let is_counted = corners == 0 || (3..=MOST_CORNERS).contains(&corners) && finite;
+        if !is_counted {
+            let allowed = format!("empty, or 3 to {MOST_CORNERS} corners of finite numbers");
+            return Err(OptionError::new("polygon-m", format_args!("{corners} corners"), allowed));
         }
-        let allowed = format!("empty, or 3 to {MOST_CORNERS} corners of finite numbers");
-        Err(OptionError::new("polygon-m", format_args!("{corners} corners"), allowed))
+        match crossing(&self.polygon_m) {
+            Some((a, b)) => {
+                let found = format!("corners of which the sides after {a:?} and {b:?} cross");
+                Err(OptionError::new("polygon-m", found, "the corners in their order around the room"))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// First corners of two sides of a polygon that cross; `None` if no sides do.
+fn crossing(corners: &[[f64; 2]]) -> Option<([f64; 2], [f64; 2])> {
+    let side = |k: usize| (corners[k], corners[(k + 1) % corners.len()]);
+    let pairs = (0..corners.len()).flat_map(|a| (a + 2..corners.len()).map(move |b| (a, b)));
+    let crossing = pairs.into_iter().find(|(a, b)| do_cross(side(*a), side(*b)));
+    crossing.map(|(a, b)| (corners[a], corners[b]))
+}
+
+/// Whether each of two sides has the ends of the other on both of its sides; sides that only touch do not cross.
+fn do_cross((p, q): ([f64; 2], [f64; 2]), (r, s): ([f64; 2], [f64; 2])) -> bool {
+    // Twice the area of a triangle, positive if its corners are counterclockwise.
+    let area = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
+        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    };
+    area(p, q, r) * area(p, q, s) < 0.0 && area(r, s, p) * area(r, s, q) < 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_whose_sides_cross_are_found_in_any_order_around_the_room() {
+        let square = [[-3.0, -3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, 3.0]];
+        let l = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]];
+        assert!(crossing(&square).is_none() && crossing(&l).is_none() && crossing(&[]).is_none());
+        let clockwise: Vec<_> = l.into_iter().rev().collect();
+        assert!(crossing(&clockwise).is_none());
+        let [a, b, c, d] = square;
+        assert_eq!(crossing(&[a, c, b, d]), Some((a, b)));
+        assert_eq!(crossing(&[a, b, d, c]), Some((b, c)));
     }
 }

@@ -6,6 +6,9 @@ use oqtal_config::Config;
 /// Greatest share of the weight by which the thrust is corrected for the external force that was estimated \[-\].
 const LARGEST_CORRECTION: f64 = 0.3;
 
+/// Largest share of the weight: an estimate from wrong poses must not let the vehicle climb \[-\].
+const LARGEST_SHARE: f64 = 1.0;
+
 /// The descent without poses.
 #[derive(Clone, Debug)]
 pub struct BlindDescent {
@@ -38,7 +41,8 @@ impl BlindDescent {
     pub fn thrust_n(&self, mass_kg: f64, lift: f64) -> f64 {
         let greatest = LARGEST_CORRECTION * self.gravity_m_s2;
         let known = if lift.is_finite() { lift.clamp(-greatest, greatest) } else { 0.0 };
-        self.thrust * mass_kg * (self.gravity_m_s2 - known)
+        let share = self.thrust * (1.0 - known / self.gravity_m_s2);
+        share.min(LARGEST_SHARE) * mass_kg * self.gravity_m_s2
     }
 }
 
@@ -47,12 +51,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_thrust_of_a_descent_is_below_hover_for_any_estimate() {
+    fn the_thrust_of_a_descent_is_at_most_the_weight_for_any_estimate() {
         let descent = BlindDescent::of(&Config::default());
         let share = |lift| descent.thrust_n(0.5, lift) / (0.5 * descent.gravity_m_s2);
         assert!((share(0.0) - 0.9).abs() < 1e-12);
         assert!((share(0.1 * descent.gravity_m_s2) - 0.81).abs() < 1e-12);
         assert!((share(f64::NAN) - 0.9).abs() < 1e-12);
-        assert!((share(-1e9) - 1.17).abs() < 1e-12 && (share(1e9) - 0.63).abs() < 1e-12);
+        assert!((share(-1e9) - 1.0).abs() < 1e-12 && (share(1e9) - 0.63).abs() < 1e-12);
     }
 }

@@ -65,6 +65,8 @@ pub struct LimitConditions {
     pub poses_contradict: bool,
     /// A test finds that poses do not agree with the vehicle.
     pub poses_disagree: bool,
+    /// Poses do not agree with the vehicle, which is far from its reference or too fast: the law follows them away.
+    pub poses_mislead: bool,
     /// The loop was late in several ticks in a row.
     pub overrun: bool,
     /// The loop made no tick for longer than `safety.coast-ms`.

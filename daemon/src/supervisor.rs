@@ -77,7 +77,7 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 40] = {
+pub const LIMITS: [SafetyRow; 41] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
@@ -90,6 +90,7 @@ pub const LIMITS: [SafetyRow; 40] = {
         Row { id: "F36", cause: Some(Cause::MotorsNotRunning), when: |c| c.motors_do_not_run, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F37", cause: Some(Cause::Fence), when: |c| c.limits.leaves_fence, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tipped, after_ms: 100, action: Stop, ends: Armed },
+        Row { id: "F59", cause: Some(Cause::Contradiction), when: |c| c.limits.poses_mislead, after_ms: 300, action: Stop, ends: Armed },
         Row { id: "F39", cause: Some(Cause::Crash), when: |c| c.limits.lies_on_floor, after_ms: 2000, action: Stop, ends: Armed },
         Row { id: "F40", cause: Some(Cause::NoLift), when: |c| c.limits.stays_on_floor, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F41", cause: Some(Cause::Landing), when: |c| c.limits.landing_overdue, after_ms: 0, action: Stop, ends: Armed },

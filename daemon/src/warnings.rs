@@ -28,6 +28,10 @@ const MOST_THRUST: f64 = 20.0;
 const MOST_AUTHORITY: f64 = 20.0;
 /// Lags and delays without a note \[ms\], apart from none.
 const USUAL_MS: RangeInclusive<f64> = 0.2..=1000.0;
+/// Noise of the cameras without a note \[mm\], \[deg\], and voltages of a battery \[V\], apart from none.
+const USUAL_NOISE_MM: RangeInclusive<f64> = 0.005..=100.0;
+const USUAL_NOISE_DEG: RangeInclusive<f64> = 0.005..=20.0;
+const USUAL_BATTERY_V: RangeInclusive<f64> = 2.0..=100.0;
 /// Plausible ratio of a moment of inertia to mass^(5/3), which is constant for bodies of equal shape and density
 /// \[kg^(-2/3) m^2\].
 const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
@@ -114,16 +118,45 @@ fn implausible(config: &Config) -> Vec<String> {
     // A key of the plant that is not set follows the vehicle's.
     simulated.retain(|note| !modelled.contains(note));
     let of = |section: &'static str| move |note: String| format!("{section}.{note}");
-    let cameras = unusual_time("latency-ms", config.mocap.latency_ms);
+    let (position_mm, attitude_deg) =
+        (config.mocap.position_noise_mm, config.mocap.attitude_noise_deg);
+    let cameras = [
+        unusual_time("latency-ms", config.mocap.latency_ms),
+        unusual_value("position-noise-mm", position_mm, USUAL_NOISE_MM, "mm"),
+        unusual_value("attitude-noise-deg", attitude_deg, USUAL_NOISE_DEG, "deg"),
+    ];
     let of_vehicles =
         modelled.into_iter().map(of("vehicle")).chain(simulated.into_iter().map(of("plant")));
-    of_vehicles.chain(cameras.map(of("mocap"))).collect()
+    let cameras = cameras.into_iter().flatten().map(of("mocap"));
+    of_vehicles.chain(cameras).chain(battery(config)).collect()
+}
+
+/// Notes on the voltages at which the daemon warns and lands.
+fn battery(config: &Config) -> Vec<String> {
+    let (low_v, empty_v) = (config.safety.battery_low_v, config.safety.battery_empty_v);
+    let keys = [("safety.battery-low-v", low_v), ("safety.battery-empty-v", empty_v)];
+    let unusual =
+        keys.into_iter().filter_map(|(key, v)| unusual_value(key, v, USUAL_BATTERY_V, "V"));
+    let late = (0.0 < low_v && low_v < empty_v).then(|| {
+        format!("safety.battery-low-v is {low_v}, below safety.battery-empty-v, {empty_v}: the vehicle lands before the warning")
+    });
+    unusual.chain(late).collect()
 }
 
 /// Note on a lag or delay \[ms\] that is probably written in another unit.
 fn unusual_time(key: &str, value_ms: f64) -> Option<String> {
-    let is_usual = value_ms == 0.0 || USUAL_MS.contains(&value_ms);
-    (!is_usual).then(|| format!("{key} is {value_ms}, unusual in ms"))
+    unusual_value(key, value_ms, USUAL_MS, "ms")
+}
+
+/// Note on a value of `key` that is neither 0 nor in the range `usual`, in the unit of the key.
+fn unusual_value(
+    key: &str,
+    value: f64,
+    usual: RangeInclusive<f64>,
+    unit: &'static str,
+) -> Option<String> {
+    let is_usual = value == 0.0 || usual.contains(&value);
+    (!is_usual).then(|| format!("{key} is {value}, unusual in {unit}"))
 }
 
 /// Notes on a vehicle of this mass \[kg\], gravity \[m/s^2\] and thrust \[N\], with these lags of rate and thrust and this delay of

@@ -170,8 +170,11 @@ impl SafetyMonitor {
     /// descended for too long.
     fn may_descend(&self, now: Time, intake: &Intake) -> bool {
         let is_possible = |last: &Accepted| self.descent.is_possible(now.since(last.captured_at));
-        // After poses that contradicted the vehicle, its motion is unknown.
-        !intake.consistency().contradicts()
+        let are_lost = matches!(intake.missing(), Cause::NoPose | Cause::Untracked | Cause::Stale);
+        // If poses contradicted the vehicle or the motion predicted from earlier ones, those may have been wrong: the motion is unknown.
+        let is_known = are_lost && !intake.consistency().is_disputed();
+        (is_known || self.supervisor.state() == SafetyState::Descend)
+            && !intake.consistency().contradicts()
             && intake.was_airborne()
             && intake.last_pose().is_some_and(is_possible)
     }
@@ -216,6 +219,8 @@ impl SafetyMonitor {
             self.limits.check_vehicle(vehicle, &mut conditions);
         }
         self.check_motion(tick, intake, course, &mut conditions);
+        conditions.poses_mislead =
+            conditions.poses_disagree && (conditions.far_off || conditions.too_fast);
         conditions
     }
 
