@@ -123,3 +123,35 @@ fn a_stop_between_reloads_is_obeyed_at_once() {
     let (_, tick) = wait_for("a tick", || telemetry.latest().unwrap());
     assert!(!tick.is_armed(), "a reload begins no flight");
 }
+
+#[test]
+fn an_edited_waypoint_file_is_named_refused_for_an_expected_configuration_and_read_by_a_reload() {
+    let testbed = Testbed::new("edited-waypoints");
+    let points = |y: f64| format!("t,x,y,z\n0,0,0,1\n4,0,{y},1\n8,0,0,1\n");
+    let path = testbed.write("path.csv", &points(0.4));
+    let file = testbed
+        .write("my.toml", "[trajectory]\nkind = \"waypoints\"\nwaypoints-file = \"path.csv\"\n");
+    let (name, path) = (file.display().to_string(), path.display().to_string());
+    let said = |words: &[&str]| {
+        let answer = ctl(&testbed, words);
+        String::from_utf8_lossy(&answer.stdout).into_owned() + &stderr(&answer)
+    };
+    let start = |process| testbed.start(&[process, "run", "--config", &name]);
+    let [_plant, _cameras, daemon] = ["plant-sim", "mocap-emu", "daemon"].map(start);
+    testbed.wait_for_daemon();
+    assert!(!said(&["status"]).contains("path.csv"));
+    std::fs::write(&path, points(0.8)).unwrap();
+    let edited = format!("{path}: edited since the daemon read it");
+    for words in [&["status"][..], &["get"], &["arm", "--config", &name]] {
+        let told = said(words);
+        assert!(told.contains(&edited), "{words:?}: {told}");
+    }
+    assert!(said(&["reload"]).contains(&format!("trajectory.waypoints-file=\"{path}\"")));
+    assert!(!said(&["status"]).contains("path.csv: ") && said(&["reload"]).contains("no setting"));
+    daemon.signal(rustix::process::Signal::KILL);
+    daemon.wait();
+    let copy = testbed.paths().config().display().to_string();
+    let _again = testbed.start(&["daemon", "run", "--config", &copy]);
+    testbed.wait_for_daemon();
+    assert!(said(&["get"]).contains("trajectory waypoints"));
+}

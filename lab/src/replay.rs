@@ -30,6 +30,8 @@ use oqtal_observe::recording::{DaemonHistory, RecordedTurn, RecordingFile, WAYPO
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
+use crate::study::args::say_notes;
+
 /// A tick, recorded and replayed.
 #[derive(Clone, Copy, Debug)]
 pub struct ReplayedTick {
@@ -123,6 +125,7 @@ pub fn replay(
 ) -> Result<ReplayResult, Failure> {
     let mut turns = history.turns.iter();
     let Some(start) = turns.next() else { return Ok(ReplayResult::default()) };
+    say_notes(note_on_answers(config, history));
     let mut bench = ReplayBench::open(config, waypoints.at_start(history), start)?;
     for turn in turns {
         match InputKind::from_code(turn.input.kind) {
@@ -137,6 +140,18 @@ pub fn replay(
         }
     }
     Ok(bench.result)
+}
+
+/// Note on the commands of an external law under `config` that never answered in `history`; `None` if it did, and for a built-in law.
+fn note_on_answers(config: &Config, history: &DaemonHistory) -> Option<String> {
+    let mut answers = history.turns.iter().filter_map(|turn| turn.answer.as_ref());
+    let has_answered = answers.any(|answer| answer.answered_at.is_set());
+    (config.control.is_external() && !has_answered).then(|| {
+        let fallback = config.control.built_in().name();
+        format!(
+            "the recording has no answers of an external law: the commands are those of the fallback law, {fallback}"
+        )
+    })
 }
 
 /// Daemon with writers for its inputs and readers for its outputs.
@@ -347,5 +362,36 @@ impl TurnClock for ReplayClock {
 
     fn announce<M: Message>(&mut self, _: &impl Publish<M>) -> Result<(), BusError> {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::message::InputV1;
+    use oqtal_config::Setting;
+
+    #[test]
+    fn an_external_law_without_recorded_answers_has_a_note_that_names_the_fallback() {
+        let config = |name: &str| {
+            Config::from_settings(&[Setting::flag("test", "control.controller", name)]).unwrap()
+        };
+        let history = |answer: Option<ExternalV1>| {
+            let (input, event, command) = (InputV1::default(), None, None);
+            let (pose, vehicle, reference, telemetry) = (None, None, None, None);
+            let turn =
+                RecordedTurn { input, pose, vehicle, answer, reference, event, command, telemetry };
+            let mut history = DaemonHistory::default();
+            history.turns.push(turn);
+            history
+        };
+        let absent = ExternalV1::default();
+        let answered = ExternalV1 { answered_at: Time::VIRTUAL_START, ..absent };
+        let note = |name, answer| note_on_answers(&config(name), &history(answer));
+        for answer in [None, Some(absent)] {
+            assert!(note("external", answer).unwrap().ends_with("the fallback law, geometric"));
+            assert_eq!(note("oqtal", answer), None);
+        }
+        assert_eq!(note("external", Some(answered)), None);
     }
 }

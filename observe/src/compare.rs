@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use comfy_table::ContentArrangement;
 use maud::{Markup, html};
+use oqtal_config::Interface;
 
 use crate::event::ChangeInFlight;
 use crate::flight::{Flight, FlightSample};
@@ -165,7 +166,13 @@ impl Comparison {
             rows.push(self.row(&format!("{name}, rms"), |s| number(figures(s).map(|e| e.rms))));
             rows.push(self.row(&format!("{name}, max"), |s| number(figures(s).map(|e| e.max))));
         }
-        rows.push(self.row("effort", |s| number(s.effort)));
+        let is_torque = |flight: &&Flight| flight.config.vehicle.interface == Interface::Torque;
+        let unit = match self.flights.iter().filter(is_torque).count() {
+            0 => "s",
+            all if all == self.flights.len() => "N m s",
+            _ => "s, of torque N m s",
+        };
+        rows.push(self.row(&format!("effort [{unit}]"), |s| number(s.effort)));
         ("Errors", self.header("error"), rows)
     }
 

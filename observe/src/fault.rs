@@ -25,8 +25,11 @@ pub struct AppliedDisturbance {
     pub from_s: f64,
     /// End, from arming; `None` if the disturbance lasted longer than the flight \[s\].
     pub until_s: Option<f64>,
-    /// Whether it acted in a scored tick; otherwise it does not affect the errors of the flight.
+    /// Whether it acted in a scored tick.
     pub is_scored: bool,
+    /// Whether it ended before a scored tick and acted in none: the errors contain its after-effect.
+    #[serde(skip)]
+    pub is_before_score: bool,
 }
 
 impl InjectedFault {
@@ -45,15 +48,16 @@ impl AppliedDisturbance {
         let loads = flight.config.plant.disturb.iter();
         let periods = loads.map(|load| (load.to_string(), load.at_s, load.end_s()));
         let start = flight.armed().next().map(|first| first.telemetry.time);
-        let acts = |from_s: f64, until_s: Option<f64>| {
-            let time_s = |at: Time| start.map_or(0.0, |start| at.since(start).seconds());
-            let mut times_s = flight.scored().map(|tick| time_s(tick.telemetry.time));
-            times_s.any(|t_s| t_s >= from_s && until_s.is_none_or(|until_s| t_s <= until_s))
+        let time_s = |at: Time| start.map_or(0.0, |start| at.since(start).seconds());
+        let times_s: Vec<f64> = flight.scored().map(|tick| time_s(tick.telemetry.time)).collect();
+        let acts = |t_s: f64, from_s: f64, until_s: Option<f64>| {
+            t_s >= from_s && until_s.is_none_or(|until_s| t_s <= until_s)
         };
         let all = begun(flight, periods).into_iter();
         all.map(|(disturbance, from_s, until_s)| {
-            let is_scored = acts(from_s, until_s);
-            Self { disturbance, from_s, until_s, is_scored }
+            let is_scored = times_s.iter().any(|t_s| acts(*t_s, from_s, until_s));
+            let is_before_score = !is_scored && times_s.last().is_some_and(|last| from_s < *last);
+            Self { disturbance, from_s, until_s, is_scored, is_before_score }
         })
         .collect()
     }
@@ -85,6 +89,20 @@ fn begun(
 mod tests {
     use super::*;
     use crate::report::tests::fixture;
+
+    #[test]
+    fn the_after_effect_of_a_disturbance_before_the_scored_time_is_told() {
+        let mut flight = fixture::square();
+        let last_s = flight.scored().last().unwrap().telemetry.time.since(flight.origin());
+        let first_s = flight.scored().next().unwrap().telemetry.time.since(flight.origin());
+        let (first_s, last_s) = (first_s.seconds(), last_s.seconds());
+        let load = |at_s: f64| format!("mass@{at_s:.3}+0.02=0.1kg").parse().unwrap();
+        flight.config.plant.disturb =
+            vec![load(first_s - 0.1), load(0.5 * (first_s + last_s)), load(last_s + 0.1)];
+        let all = AppliedDisturbance::all(&flight);
+        let told = all.iter().map(|load| (load.is_scored, load.is_before_score));
+        assert_eq!(told.collect::<Vec<_>>(), [(false, true), (true, false), (false, false)]);
+    }
 
     #[test]
     fn a_fault_that_ended_the_daemon_is_listed_and_a_later_one_is_not() {

@@ -54,11 +54,23 @@ impl HandoverFigures {
         Some(figures)
     }
 
-    /// Note on a flight of whose trajectory the fallback flew more than half; `None` for another one.
+    /// Note on a flight of whose trajectory the fallback flew more than half, with the remedy for late answers; `None` for another one.
     pub fn note(&self) -> Option<&'static str> {
-        (2 * self.fallback_ticks > self.trajectory_ticks).then_some(
-            "the fallback law flew most of the trajectory: the figures are not those of the configured law",
-        )
+        (2 * self.fallback_ticks > self.trajectory_ticks).then_some(match self.is_late() {
+            true => {
+                "the fallback law flew most of the trajectory: the figures are not those of the configured law, whose answers were late; a greater external.budget-us gives it more time, fewer external.return-answers give it control back sooner"
+            }
+            false => {
+                "the fallback law flew most of the trajectory: the figures are not those of the configured law"
+            }
+        })
+    }
+
+    /// Whether most of the hand-overs were for answers that did not come in time.
+    fn is_late(&self) -> bool {
+        let late = HandoverCause::Missing.to_string();
+        let count = self.causes.get(&late).copied().unwrap_or(0);
+        2 * count > self.count || self.refused.as_ref() == Some(&late)
     }
 
     /// Share of the trajectory that the fallback flew, as text.
@@ -100,5 +112,10 @@ mod tests {
         });
         let told = HandoverFigures::of(&flight).unwrap().to_string();
         assert!(told.starts_with("0; ") && told.ends_with("from the beginning on: not finite"));
+        assert!(!HandoverFigures::of(&flight).unwrap().note().unwrap().contains("external."));
+        let late = HandoverCause::Missing.code();
+        flight.samples.iter_mut().for_each(|sample| sample.telemetry.handover_cause = late);
+        let note = HandoverFigures::of(&flight).unwrap().note().unwrap();
+        assert!(note.contains("external.budget-us") && note.contains("external.return-answers"));
     }
 }

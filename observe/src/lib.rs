@@ -27,6 +27,7 @@
 //! | `flight_end.rs`, `crash.rs` | detection of the end of a flight, and of crashes |
 //! | `shortfall.rs`, `reservation.rs` | reasons why a flight did not end as planned, and why its figures may be those of another |
 //! | `handovers.rs` | hand-overs from a law to its fallback |
+//! | `hold.rs` | holds of a flight by the fence |
 //! | `corners.rs`, `attitude_steps.rs`, `settling.rs` | figures at the corners of a path, and of a prescribed attitude; settling after steps |
 //! | `fault.rs` | faults and disturbances of a flight |
 //! | `table.rs` | the closing table in the terminal |
@@ -56,6 +57,7 @@ pub mod flight;
 mod flight_end;
 pub mod flight_sample;
 pub mod handovers;
+mod hold;
 pub mod instance;
 pub mod instance_observer;
 pub mod kernel;

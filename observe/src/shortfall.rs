@@ -47,6 +47,11 @@ impl Flight {
     fn shortfall_of_one(&self) -> Option<String> {
         let (when, ended) = (self.when(), self.ended());
         match self.outcome {
+            Outcome::Stopped | Outcome::Timeout | Outcome::Unfinished
+                if self.armed().next().is_none() =>
+            {
+                Some(self.without_flight())
+            }
             Outcome::Landed => match self.early_landing().map(cause_of) {
                 Some(cause) => Some(format!(
                     "the daemon landed the vehicle before the end of the flight: {cause}"
@@ -73,9 +78,6 @@ impl Flight {
             Outcome::Crashed => {
                 let (silence, landing) = (self.silence(), self.landing_before(None));
                 Some(format!("the vehicle {}{ended}{silence}{landing}", self.crash?.1))
-            }
-            Outcome::Timeout | Outcome::Unfinished if self.armed().next().is_none() => {
-                Some(self.without_flight())
             }
             Outcome::Timeout => Some(format!(
                 "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
@@ -122,8 +124,11 @@ impl Flight {
 
     /// Reason why there was no take-off.
     fn without_flight(&self) -> String {
-        if self.outcome == Outcome::Unfinished {
-            return "nothing was flown: the motors were never armed in this recording".to_owned();
+        let unflown = "nothing was flown: the motors were never armed";
+        match self.outcome {
+            Outcome::Unfinished => return format!("{unflown} in this recording"),
+            Outcome::Stopped => return format!("{unflown} before the stop: {}", self.stop_cause()),
+            _ => {}
         }
         let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
         match ArmingObstacles::from_bits(bits) {
@@ -281,6 +286,7 @@ fn cause_of(sample: &FlightSample) -> Cause {
 mod tests {
     use super::*;
     use crate::report::tests::fixture;
+    use oqtal_bus::code::Mode;
     use oqtal_bus::message::{Header, VehicleV1};
     use oqtal_bus::time::Span;
 
@@ -336,6 +342,19 @@ mod tests {
         let told = outside.shortfall().unwrap();
         assert_eq!(told, "the vehicle was up to 1.00 m outside the fence");
         assert_eq!(outside.cause().unwrap(), "outside the fence");
+    }
+
+    #[test]
+    fn a_stop_of_motors_that_were_never_armed_did_not_end_a_flight() {
+        let mut flight = fixture::square();
+        flight.outcome = Outcome::Stopped;
+        for FlightSample { telemetry, .. } in &mut flight.samples {
+            telemetry.mode = Mode::Disarmed.code();
+            telemetry.state = SafetyState::Stop.code();
+            telemetry.cause = Cause::Operator.code();
+        }
+        let told = format!("the motors were never armed before the stop: {}", Cause::Operator);
+        assert_eq!(flight.shortfall().unwrap(), format!("nothing was flown: {told}"));
     }
 
     #[test]

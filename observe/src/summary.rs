@@ -16,6 +16,7 @@ use crate::event::ChangeInFlight;
 use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{AnswerCounts, COUNTED_AFTER, Flight, FlightSample, Outcome};
 use crate::handovers::HandoverFigures;
+use crate::hold::FenceHold;
 use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
 use crate::settling::StepSettling;
@@ -68,8 +69,8 @@ pub struct Summary {
     pub ticks: usize,
     pub duration_s: f64,
     pub scored_s: f64,
-    /// Time for which the fence held the vehicle, which is not scored \[s\].
-    pub held_s: f64,
+    #[serde(flatten)]
+    pub hold: FenceHold,
     pub outcome: Outcome,
     /// Reason why the flight did not end as planned; `None` if it did.
     pub shortfall: Option<String>,
@@ -186,7 +187,7 @@ impl Summary {
             ticks: flight.armed().count(),
             duration_s: duration_s(flight),
             scored_s: flight.scored_s(),
-            held_s: flight.held_s(),
+            hold: FenceHold::of(flight),
             outcome: flight.outcome,
             shortfall: flight.shortfall(),
             error_source: error_source(flight),
@@ -219,15 +220,9 @@ impl Summary {
         }
     }
 
-    /// The time for which the fence held the vehicle, as text; `None` if it did not.
+    /// The holds by the fence, as text; `None` without any.
     pub fn held(&self) -> Option<String> {
-        let is_scored = self.scored_s > 0.0;
-        let scored = if is_scored {
-            ", which is not scored; the return from it is: do not compare with other flights"
-        } else {
-            ""
-        };
-        (self.held_s > 0.0).then(|| format!("held by the fence for {:.2} s{scored}", self.held_s))
+        self.hold.text(self.scored_s > 0.0)
     }
 
     /// Notes on the figures.

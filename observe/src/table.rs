@@ -159,9 +159,12 @@ fn counts(summary: &Summary) -> String {
     let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
     let faults: Vec<String> = summary.faults.iter().map(|fault| fault.fault.clone()).collect();
     let loads = summary.disturbances.iter();
-    let loads = loads.map(|load| match load.is_scored {
-        true => load.disturbance.clone(),
-        false => format!("{} (outside the scored time)", load.disturbance),
+    let loads = loads.map(|load| match (load.is_scored, load.is_before_score) {
+        (true, _) => load.disturbance.clone(),
+        (false, false) => format!("{} (outside the scored time)", load.disturbance),
+        (false, true) => {
+            format!("{} (ends before scoring; its after-effect is scored)", load.disturbance)
+        }
     });
     let loads: Vec<String> = loads.collect();
     let answers = summary.answers.map(|it| format!("\nanswers: {it}"));

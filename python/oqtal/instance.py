@@ -142,6 +142,8 @@ class Instance:
 
     def goto(self, x: float, y: float, z: float, yaw: float | None = None) -> str:
         """Flies to a point [m, world], with ``yaw`` [rad] if it is given, and stays there."""
+        if yaw is not None and not abs(yaw) <= 2 * np.pi:
+            raise UsageError(f"yaw is {yaw} rad, expected -2 pi to 2 pi; give degrees as math.radians({yaw})")
         numbers = [x, y, z] if yaw is None else [x, y, z, np.degrees(yaw)]
         return self._native.request("goto", [repr(float(number)) for number in numbers])
 

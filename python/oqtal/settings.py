@@ -121,14 +121,19 @@ def warn(call: Sources) -> None:
     """Warns of settings that a flight cannot satisfy, such as a fault after its end, at the line that called the caller."""
     for text in _native.warnings(call):
         # This function, its caller, the decorator, the user.
-        warnings.warn(text, stacklevel=4)
+        warnings.warn(without_options(text), stacklevel=4)
 
 
 def warn_of_study(depth: int = 5) -> None:
     """Issues the warnings of a study, such as gains that were found for another vehicle, ``depth`` calls above."""
     for text in _native.notes():
         # This function, `_fly`, the study, the decorator, the user.
-        warnings.warn(text, stacklevel=depth)
+        warnings.warn(without_options(text), stacklevel=depth)
+
+
+def without_options(text: str) -> str:
+    """The warning ``text`` of the program with a key in place of the option of its command."""
+    return text.replace("--duration", "trajectory.duration-s")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:

@@ -37,6 +37,7 @@ def test_what_begins_after_the_end_of_a_flight_is_warned_of_at_the_line_of_the_c
         with pytest.warns(UserWarning, match=rf"`{re.escape(text)}` begins 60 s after arming") as told:
             call(text)
         assert [warning.filename for warning in told] == [__file__]
+        assert str(told[0].message).endswith("a longer flight with trajectory.duration-s")
 
 
 def test_gains_of_another_vehicle_and_replaced_gains_are_warned_of(capfd):

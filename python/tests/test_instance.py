@@ -127,6 +127,8 @@ def test_status_and_settings(instance):
         instance.get("nothing.at-all")
     with pytest.raises(oqtal.FlightError, match="goto refused"):
         instance.goto(0, 0, 1)
+    with pytest.raises(oqtal.UsageError, match=r"yaw is 90 rad.*math\.radians\(90\)"):
+        instance.goto(0, 0, 1, yaw=90)
 
 
 def test_topics_are_iterators_and_frames(instance):

@@ -4,7 +4,7 @@ use oqtal_observe::explain::wrapped;
 use oqtal_observe::plot::unit::{MISSING, rounded};
 
 use super::camera_figures::PoseLatency;
-use super::finding::{ParameterFinding, rules, with_interval};
+use super::finding::{FindingRule, ParameterFinding, rules, with_interval};
 use super::fit::{FitResult, StartingPoints};
 use super::identification::Identification;
 use super::lifting::CURVATURE;
@@ -74,9 +74,22 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
         let effect = "part of the delay is counted as rate lag; their sum is right if roll and pitch have equal lags";
         lines.push(format!("commands seem to act before their stamps: {effect}"));
     }
+    lines.extend(assumed_mass(&identification.findings));
     lines.extend(of_thrust(identification));
     lines.push(cameras(identification));
     lines
+}
+
+/// Remark on a greatest thrust that was computed with the configured mass; `None` where the scale of the vehicle was given.
+fn assumed_mass(findings: &[ParameterFinding]) -> Option<String> {
+    let value = |rule: FindingRule| findings.iter().find(|it| it.name == rule.name);
+    let (thrust, ratio) = (value(rules::THRUST)?, value(rules::THRUST_PER_MASS)?);
+    value(rules::MASS).is_none().then(|| {
+        let mass_kg = rounded(thrust.value / ratio.value, 4);
+        format!(
+            "greatest thrust: that of the configured mass, {mass_kg} kg: flights determine only the thrust over the mass; give the weighed one by --mass"
+        )
+    })
 }
 
 /// Remarks on lag, curvature and range of the thrust.
@@ -196,4 +209,18 @@ fn too_little_motion(identification: &Identification) -> Option<String> {
             0,
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thrust_that_was_computed_with_the_configured_mass_is_told() {
+        let [thrust, ratio] =
+            [rules::THRUST.found(10.0, 0.1, None), rules::THRUST_PER_MASS.found(20.0, 0.2, None)];
+        let told = assumed_mass(&[ratio.clone(), thrust.clone()]).unwrap();
+        assert!(told.contains("configured mass, 0.5000 kg") && told.ends_with("--mass"), "{told}");
+        assert_eq!(assumed_mass(&[ratio, rules::MASS.given(0.5, None), thrust]), None);
+    }
 }

@@ -13,7 +13,7 @@ for (const head of document.querySelectorAll(".sheet thead th")) {
     for (const other of table.tHead.rows[0].cells) other.ariaSort = null;
     head.ariaSort = down ? "descending" : "ascending";
     for (const block of table.tBodies) {
-      const rows = [...block.rows].slice(1);
+      const rows = [...block.rows].filter((row) => !row.classList.contains("variant"));
       const order = (a, b) => {
         const [x, y] = [value(a), value(b)];
         const less = x[0] !== y[0] ? x[0] - y[0] : x[1] < y[1] ? -1 : x[1] > y[1] ? 1 : 0;

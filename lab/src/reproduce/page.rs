@@ -9,7 +9,7 @@ use oqtal_runtime::process::Failure;
 use super::chapter::Chapter;
 use super::claims::{Claim, claims};
 use crate::output::StudyOutput;
-use crate::sheet::{Sheet, SheetRow, Variant};
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 use crate::study::args::command;
 use crate::text_table;
 
@@ -166,23 +166,34 @@ fn table(sheet: &Sheet) -> Markup {
 
 fn rows(sheet: &Sheet) -> Markup {
     let shown = Variant::ALL.into_iter().filter(|variant| sheet.of(*variant).next().is_some());
+    // As in Markdown: rows of one origin alone have no heading.
+    let has_headings = sheet.rows.iter().any(|row| row.variant != Variant::Ours);
     html! {
         table.wide[sheet.columns.len() > WIDE] {
             thead {
                 tr {
                     th { "controller" }
                     th { "settings" }
-                    @for (_, title) in &sheet.columns { th { (title) } }
+                    @for (column, (_, title)) in sheet.columns.iter().enumerate() {
+                        th.words[has_words(sheet, column)] { (title) }
+                    }
                 }
             }
             @for variant in shown {
                 tbody {
-                    tr.variant { th colspan=(sheet.columns.len() + 2) { (variant.title()) } }
+                    @if has_headings {
+                        tr.variant { th colspan=(sheet.columns.len() + 2) { (variant.title()) } }
+                    }
                     @for row in sheet.of(variant) { (line(sheet, row)) }
                 }
             }
         }
     }
+}
+
+/// Whether a column holds texts, which are set as such, and not as figures.
+fn has_words(sheet: &Sheet, column: usize) -> bool {
+    sheet.rows.iter().any(|row| matches!(row.cells[column], SheetCell::Text(_)))
 }
 
 fn line(sheet: &Sheet, row: &SheetRow) -> Markup {
@@ -192,7 +203,8 @@ fn line(sheet: &Sheet, row: &SheetRow) -> Markup {
             td.settings { (row.settings) }
             @for (column, (_, title)) in sheet.columns.iter().enumerate() {
                 @let mark = sheet.mark(row, column).map(|near| if near { "near" } else { "far" });
-                td class=[mark] data-name=(title) { (sheet.show(row, column)) }
+                @let words = has_words(sheet, column).then_some("words");
+                td class=[mark.or(words)] data-name=(title) { (sheet.show(row, column)) }
             }
         }
     }
@@ -232,4 +244,27 @@ fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String {
         }
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_one_origin_have_no_heading_and_texts_are_set_as_words() {
+        let row = |variant| {
+            let cells = vec![1.0.into(), SheetCell::Text("oqtal fly".to_owned())];
+            SheetRow::new(variant, "pid", "", cells)
+        };
+        let sheet = |variants: &[Variant]| Sheet {
+            columns: vec![("a", "A"), ("again", "again")],
+            rows: variants.iter().map(|variant| row(*variant)).collect(),
+            ..Sheet::default()
+        };
+        let own = rows(&sheet(&[Variant::Ours])).into_string();
+        assert!(!own.contains("Ours") && own.contains(r#"<td class="words""#), "{own}");
+        assert_eq!(own.matches("words").count(), 2, "{own}");
+        let several = rows(&sheet(&[Variant::Paper, Variant::Ours])).into_string();
+        assert!(several.contains("Ours") && several.contains("Paper"), "{several}");
+    }
 }

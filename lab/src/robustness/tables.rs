@@ -264,9 +264,11 @@ pub fn dependences(flown: &[Flown], draws: &[Draw], spread: &PlantSpread) -> She
     let columns = [column("rank_correlation", title, |(.., share): &Row<'_>| *share)];
     let names = |(law, key, _): &Row<'_>| law.names_with(key.as_str());
     let title = "Keys on which the error in hover depends";
-    Sheet::tabulate(("dependences", title), &columns, &rows, names)
-        .with_note("Spearman's rank correlation over all draws: 1 where the error always rises with the key.")
-        .as_detail()
+    let note = match draws.len() < LEAST_DRAWS {
+        true => format!("Not evaluated: it takes at least {LEAST_DRAWS} draws, as with `--runs {LEAST_DRAWS}`."),
+        false => "Spearman's rank correlation over all draws: 1 where the error always rises with the key.".to_owned(),
+    };
+    Sheet::tabulate(("dependences", title), &columns, &rows, names).with_note(note).as_detail()
 }
 
 /// Spearman's rank correlation of a figure with a drawn key \[-1..1\]; NaN if either is constant over all draws, or if there

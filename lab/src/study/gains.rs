@@ -10,6 +10,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
 use super::args::say_notes;
+use super::flights::{table, value_at};
 use super::law::{self, StudyLaw, named};
 
 /// Name and text of every file in `deploy/tuned` and its folders, output of `oqtal tune`; the names of the latter begin with that
@@ -126,7 +127,7 @@ impl GainSource {
     /// The law `controller` with its gains, under the settings `common` of a study.
     ///
     /// # Errors
-    /// The directory has no file for the law, or an invalid one (exit code 78).
+    /// The directory has no file for the law, or one that is invalid or of another study (exit code 78).
     pub fn law(&self, controller: &'static str, common: &[Setting]) -> Result<StudyLaw, Failure> {
         let (own, remark) = match self {
             Self::Configured => (Vec::new(), "configured gains".to_owned()),
@@ -142,7 +143,9 @@ impl GainSource {
                 (own, format!("gains of deploy/tuned/{set}"))
             }
             Self::Directory(directory) => {
-                (of_directory(directory, controller)?, format!("gains of {}", directory.display()))
+                let own = of_directory(directory, controller)?;
+                check_study(&own, &Config::from_settings(common)?, (directory, controller))?;
+                (own, format!("gains of {}", directory.display()))
             }
         };
         Ok(StudyLaw::new(controller, [common, &own].concat(), remark))
@@ -183,6 +186,40 @@ fn of_directory(directory: &Path, controller: &str) -> Result<Vec<Setting>, Fail
     }
 }
 
+/// Refuses `gains` from a file of `directory` with a setting that is not one of the law, such as the rate of the controller, and
+/// differs from that of the study: the flights would not be those of the configuration that is written beside their results.
+fn check_study(
+    gains: &[Setting],
+    study: &Config,
+    (directory, controller): (&Path, &str),
+) -> Result<(), Failure> {
+    let study = table(study);
+    let is_of_law = |key: &str| {
+        key != "control.rate-hz" && ["control.", "position."].iter().any(|it| key.starts_with(it))
+    };
+    let others = gains.iter().filter(|gain| !is_of_law(&gain.key));
+    let mut others = others.filter_map(|gain| Some((gain, value_at(&study, &gain.key)?)));
+    let Some((gain, of_study)) = others.find(|(gain, of_study)| !is_same(&gain.value, of_study))
+    else {
+        return Ok(());
+    };
+    let Setting { key, value, .. } = gain;
+    let out = quoted(&directory.display().to_string());
+    Err(Failure::new(
+        Exit::Config,
+        format!(
+            "{}: gains for {key} = {value}, and this command has {of_study}: find gains for {of_study} with `oqtal tune {controller} --out {out} --force` and the --config and --set of this command, fly with --set {key}={value}, or remove the line from the file to fly these gains with {of_study}",
+            directory.join(format!("{controller}.toml")).display()
+        ),
+    ))
+}
+
+/// Whether two values of a key are equal, also as an integer and as a floating-point number.
+fn is_same(a: &Value, b: &Value) -> bool {
+    let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
+    a == b || number(a).is_some() && number(a) == number(b)
+}
+
 /// The laws with these names, each with its gains from `source` under the settings `common`.
 ///
 /// # Errors
@@ -205,8 +242,6 @@ pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
     // A study sets the law itself.
     let gains = laws.iter().flat_map(|law| &law.settings[common.len()..]);
     let gains = gains.filter(|gain| gain.key != "control.controller");
-    let number = |value: &Value| value.as_float().or(value.as_integer().map(|it| it as f64));
-    let is_same = |a: &Value, b: &Value| a == b || number(a).is_some() && number(a) == number(b);
     let mut keys: Vec<&str> = Vec::new();
     for gain in gains {
         let mut given = common
@@ -219,7 +254,7 @@ pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
     }
     (!keys.is_empty()).then(|| {
         format!(
-            "--gains replaces your settings of {}; give `configured` gains to keep them",
+            "--gains replaces your settings of {}, which the configuration beside the results has all the same; to fly one of yours, remove its key from the files of --gains, or give --gains configured for all",
             keys.join(", ")
         )
     })
@@ -239,6 +274,26 @@ mod tests {
         for part in ["pid.toml: no gains", "`oqtal tune pid --out", "--force`"] {
             assert!(failure.message.contains(part), "{part}: {failure}");
         }
+    }
+
+    #[test]
+    fn gains_of_another_rate_are_refused_and_gains_of_the_law_are_flown() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("pid.toml");
+        std::fs::write(&file, "control.rate-hz = 100\ncontrol.pid.gain = 3.0\n").unwrap();
+        let law = |rate_hz: f64| {
+            let common = ["control", "mocap"].map(|of| format!("{of}.rate-hz"));
+            let common = common.map(|key| Setting::flag("--set", &key, rate_hz));
+            GainSource::Directory(directory.path().into()).law("pid", &common)
+        };
+        let refused = law(50.0).unwrap_err();
+        for part in
+            ["pid.toml: gains for control.rate-hz = 100, and this command has 50.0", "--force"]
+        {
+            assert!(refused.message.contains(part), "{part}: {refused}");
+        }
+        assert_eq!(refused.exit, Exit::Config);
+        assert_eq!(law(100.0).unwrap().config().unwrap().control.pid.gain, 3.0);
     }
 
     #[test]

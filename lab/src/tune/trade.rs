@@ -11,6 +11,9 @@ use crate::study::law::StudyLaw;
 use crate::study::metric::{Figures, JITTER, METRIC};
 use crate::study::table::column;
 
+/// Default number of points of a search \[-\].
+pub const DEFAULT_POINTS: usize = 300;
+
 /// Relative change for the worse above which a component is warned of \[-\].
 const WORSE: f64 = 0.05;
 
@@ -142,12 +145,17 @@ pub fn way_to_more_margin(is_predictive: bool) -> String {
     }
 }
 
-/// Warnings about components that got worse by more than 5 % under a law on the predictive stack or on the default one.
-pub fn warnings(components: &[TradedFigure], is_predictive: bool) -> Vec<String> {
+/// Warnings about components that got worse by more than 5 % in a search with `points`, under a law on the predictive stack or on the
+/// default one. A short search may end before a weight has its effect.
+pub fn warnings(components: &[TradedFigure], is_predictive: bool, points: usize) -> Vec<String> {
+    let longer = match points < DEFAULT_POINTS && !is_predictive {
+        true => format!(", in a search of enough points, as with --budget {DEFAULT_POINTS}"),
+        false => String::new(),
+    };
     let warning = |component: &TradedFigure| {
         let remedy = match component.weight {
             Some(_) => format!("; a greater weight, as in --weights {}=W, keeps it", component.key),
-            None => format!("; {}", way_to_more_margin(is_predictive)),
+            None => format!("; {}{longer}", way_to_more_margin(is_predictive)),
         };
         let by = match component.change() {
             Some(change) => format!(" by {:.0} %", 1e2 * change.abs()),
@@ -214,10 +222,13 @@ mod tests {
             component(None, 0.8),
             component(None, 2.0),
         ];
-        let said = warnings(&all, false);
+        let said = warnings(&all, false, DEFAULT_POINTS);
         assert_eq!(said.len(), 2, "{said:?}");
         assert!(said[1].contains("--weights jitter_rad_s=W"), "{said:?}");
-        assert!(!warnings(&all, true)[1].contains("--weights"));
+        assert!(!warnings(&all, true, 60)[1].contains("--weights"));
+        let short = warnings(&all, false, 60);
+        assert_eq!(short[0], said[0]);
+        assert!(short[1].starts_with(&said[1]) && short[1].ends_with("--budget 300"), "{short:?}");
         assert!(said[0].contains("20 %") && said[0].contains("--weights hover_rms_mm=W"));
     }
 
@@ -257,7 +268,7 @@ mod tests {
         ];
         let text = sheet(&all, false).to_text();
         assert!(!text.contains('%') && text.contains("not as planned"), "{text}");
-        let said = warnings(&all, false);
+        let said = warnings(&all, false, DEFAULT_POINTS);
         assert_eq!(said.len(), 3, "{said:?}");
         assert!(said[2].contains("2.000 before, unstable after"), "{said:?}");
         assert!(said[0].contains("2.000 before, not as planned after"), "{said:?}");

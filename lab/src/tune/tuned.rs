@@ -26,7 +26,7 @@ pub struct Budget {
 
 impl Default for Budget {
     fn default() -> Self {
-        Self { points: 300, seed: 1, optimiser: Optimiser::default() }
+        Self { points: trade::DEFAULT_POINTS, seed: 1, optimiser: Optimiser::default() }
     }
 }
 
@@ -95,8 +95,13 @@ impl Tuned {
 
     /// The objective at the configured gains, as text, and whether these are kept.
     pub fn comparison(&self) -> String {
+        // For the position loops it is 1 by definition.
+        let unit = match &*self.target {
+            "outer" => "",
+            _ => " (1 is `oqtal` with its configured gains in the same flights)",
+        };
         let start = match self.start.is_finite() {
-            true => format!("{:.4} at the configured gains", self.start),
+            true => format!("{:.4} at the configured gains{unit}", self.start),
             false => "none at the configured gains, with which a flight does not land as planned"
                 .to_owned(),
         };
@@ -133,7 +138,8 @@ impl Tuned {
                 "{key} is on a bound of its range, {low} to {high}: a better value may lie beyond; set it by hand and compare with `oqtal campaign`"
             )
         });
-        on_a_bound.chain(trade::warnings(&self.components, self.is_predictive())).collect()
+        let (is_predictive, points) = (self.is_predictive(), self.budget.points);
+        on_a_bound.chain(trade::warnings(&self.components, is_predictive, points)).collect()
     }
 
     /// Gains as a configuration file: those found, and of the settings `common` of the search those of the law and the position
@@ -205,6 +211,8 @@ mod tests {
             failed: [0; 3],
             path: SearchPath::default(),
         };
+        let own = "0.9000 at the configured gains (1 is `oqtal` with its configured gains";
+        assert!(tuned.comparison().starts_with(own), "{}", tuned.comparison());
         let on_a_bound = Tuned {
             values: vec![("control.lqr.attitude-weight".to_owned(), 1e9)],
             ..tuned.clone()

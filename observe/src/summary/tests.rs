@@ -6,13 +6,6 @@ use super::*;
 use crate::report::tests::fixture;
 
 #[test]
-fn a_flight_without_a_score_is_not_said_to_be_compared() {
-    let held = |scored_s| Summary { held_s: 1.5, scored_s, ..Summary::of(&fixture::square()) };
-    assert!(held(9.0).held().unwrap().ends_with("do not compare with other flights"));
-    assert_eq!(held(0.0).held().as_deref(), Some("held by the fence for 1.50 s"));
-}
-
-#[test]
 fn a_preset_with_other_values_is_not_named_as_the_preset() {
     let vehicle = |settings: &[&str]| {
         let settings: Vec<_> =
