@@ -12,6 +12,7 @@ use crate::common::{
 use laboratory::{Laboratory, configuration};
 use oqtal_bridge::Note;
 use oqtal_bus::code::VehicleRefusal;
+use oqtal_bus::topic::Role;
 use oqtal_plant_sim::wire::CrtpVehicle;
 use oqtal_wire::crtp::{CrtpRequest, Supervision, SupervisorCommand};
 use rustix::process::Signal;
@@ -170,6 +171,16 @@ fn bad_use_of_a_crazyflie_has_its_exit_code_and_message() {
     let output = testbed.study(&shared).output().unwrap();
     assert_refused(&output, 71, &["no Crazyradio is plugged in"]);
     assert!(!stderr(&output).contains("--link"), "{}", stderr(&output));
+}
+
+#[test]
+fn f25_a_second_bridge_at_the_same_vehicle_is_refused_on_any_instance() {
+    let [first, second] = ["first-bridge", "second-bridge"].map(Testbed::new);
+    let link = format!("crtp:udp:127.0.0.1:{}", free_port());
+    let bridge = ["bridge", "run", "--link", &link, "--set", "vehicle.preset=crazyflie-2.1"];
+    let _bridge = first.start(&bridge);
+    wait_for("the first bridge", || first.bus().holder(&Role::Bridge.health()).unwrap());
+    second.refuses(&bridge, 75, &["is used by another process"]);
 }
 
 /// cflib 0.1.34 connects to the emulated vehicle, reads both tables, sets parameters, reads log data, arms and flies it.

@@ -5,10 +5,12 @@ use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::process::Command;
 
+use crate::common::network::{Server, free_port};
 use crate::common::{Running, SERVICES, Testbed, assert_refused, stderr, wait_for};
+use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{ObservedTopic, Sample, TELEMETRY};
+use oqtal_bus::topic::{ObservedTopic, POSE, Role, Sample, TELEMETRY};
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_observe::recording::{RecordingFile, play};
 use oqtal_observe::sink::{Reception, Sink};
@@ -96,6 +98,38 @@ fn f68_a_flight_lands_after_a_loss_and_the_processes_work_when_started_again() {
         drop((telemetry, bus));
         work_again(&testbed, &mut processes.map(Some));
     }
+}
+
+#[test]
+fn f68_a_receiver_ends_after_the_loss_of_its_instance_and_continues_for_another_one_in_use() {
+    let server = Server::start("qtm", free_port(), &["--body", "quad", "--body", "six"]);
+    let testbed = Testbed::new("lost-receiver");
+    let receiver = testbed.start(&["receiver", "run", "--link", &server.link(",body=quad")]);
+    receive_poses(&testbed.bus(), Time::now());
+    remove(&testbed.paths().directory());
+    assert_eq!(receiver.wait().status.code(), Some(71));
+
+    let testbed = Testbed::new("lost-of-two");
+    let link = server.link(",body=quad,body=six@used");
+    let receiver = testbed.start(&["receiver", "run", "--link", &link]);
+    let root = testbed.path("run").display().to_string();
+    let daemon = ["daemon", "run", "--instance", "used", "--root", &root];
+    let _daemon = Running::start(&mut testbed.study(&daemon));
+    let used = testbed.bus_of("used");
+    wait_for("the daemon", || used.holder(&Role::Daemon.health()).unwrap());
+    receive_poses(&used, Time::now());
+    remove(&testbed.paths().directory());
+    receive_poses(&used, Time::now() + Span::from_millis(2000));
+    assert!(receiver.runs());
+}
+
+/// Receives poses until one was published at `until`.
+fn receive_poses(bus: &Bus, until: Time) {
+    let mut poses = bus.observer(&POSE).unwrap();
+    wait_for("a pose", || {
+        let (header, _) = poses.receive().unwrap()?;
+        (header.stamps.pose_published_at >= until).then_some(())
+    });
 }
 
 #[test]

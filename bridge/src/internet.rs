@@ -2,6 +2,8 @@
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, ToSocketAddrs};
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr as UnixAddress, UnixDatagram};
 
 use oqtal_wire::link::HostPort;
 
@@ -14,6 +16,20 @@ pub(crate) fn addresses(host: &HostPort) -> Result<Vec<SocketAddr>, PortOpenErro
     let found = text.to_socket_addrs().map_err(|error| unknown(error.to_string()))?;
     let found: Vec<SocketAddr> = found.collect();
     if found.is_empty() { Err(unknown("it has no address".to_owned())) } else { Ok(found) }
+}
+
+/// Claims the vehicle at `peer`, over the protocol `protocol`, for this process: two programs of a machine that command one vehicle would
+/// crash it. A port that is not bound to an address of this machine excludes nobody by itself. The claim ends with the value.
+///
+/// # Errors
+/// Another process has claimed it.
+pub(crate) fn claim(protocol: &str, peer: SocketAddr) -> Result<UnixDatagram, PortOpenError> {
+    let name = format!("oqtal-vehicle-{protocol}-{peer}");
+    let claimed = UnixAddress::from_abstract_name(name).and_then(|it| UnixDatagram::bind_addr(&it));
+    claimed.map_err(|error| match error.kind() {
+        ErrorKind::AddrInUse => PortOpenError::Busy { path: peer.to_string() },
+        _ => PortOpenError::System { port: peer.to_string(), reason: error.to_string() },
+    })
 }
 
 /// The failure of `host` to become a port.

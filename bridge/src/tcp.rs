@@ -7,12 +7,13 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixDatagram;
 use std::time::Duration;
 
 use oqtal_wire::link::HostPort;
 use rustix::net::sockopt;
 
-use crate::internet::{addresses, refused};
+use crate::internet::{addresses, claim, refused};
 use crate::link::{PortOpenError, PortOptions, VehicleLink, without_waiting};
 
 /// Time within which a server must accept the connection.
@@ -33,19 +34,23 @@ pub struct TcpPortOptions {
 #[derive(Debug)]
 pub struct TcpLink {
     stream: TcpStream,
+    /// Excludes other programs from the vehicle.
+    _claim: UnixDatagram,
 }
 
 impl PortOptions for TcpPortOptions {
     fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError> {
         let mut result = Err(ErrorKind::NotFound.into());
-        for address in addresses(&self.server)? {
+        let addresses = addresses(&self.server)?;
+        let claim = claim("tcp", addresses[0])?;
+        for address in addresses {
             result = TcpStream::connect_timeout(&address, CONNECTED_WITHIN);
             if result.is_ok() {
                 break;
             }
         }
         let stream = result.and_then(prepared).map_err(|error| refused(&self.server, &error))?;
-        Ok(Box::new(TcpLink { stream }))
+        Ok(Box::new(TcpLink { stream, _claim: claim }))
     }
 }
 

@@ -7,10 +7,11 @@
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixDatagram;
 
 use oqtal_wire::link::HostPort;
 
-use crate::internet::{addresses, refused};
+use crate::internet::{addresses, claim, refused};
 use crate::link::{PortOpenError, PortOptions, VehicleLink, without_waiting};
 
 /// Most datagrams of others that one read discards \[-\].
@@ -31,6 +32,8 @@ pub struct UdpLink {
     socket: UdpSocket,
     /// `None` for a connected socket, whose peer is held by the operating system.
     learned: Option<LearnedPeer>,
+    /// Excludes other programs from the peer of a connected socket.
+    _claim: Option<UnixDatagram>,
 }
 
 /// Peer of a port to which vehicles send.
@@ -48,14 +51,15 @@ impl PortOptions for UdpPortOptions {
         let link = match self {
             Self::In(_) => {
                 let socket = UdpSocket::bind(addresses.as_slice()).map_err(refused)?;
-                UdpLink { socket, learned: Some(LearnedPeer::default()) }
+                UdpLink { socket, learned: Some(LearnedPeer::default()), _claim: None }
             }
             Self::Out(_) => {
                 let peer = addresses[0];
+                let claim = claim("udp", peer)?;
                 let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
                 let socket = UdpSocket::bind(any).map_err(refused)?;
                 socket.connect(peer).map_err(refused)?;
-                UdpLink { socket, learned: None }
+                UdpLink { socket, learned: None, _claim: Some(claim) }
             }
         };
         link.socket.set_nonblocking(true).map_err(refused)?;

@@ -123,7 +123,7 @@ fn open_buses(context: &ProcessContext, link: &CameraLink) -> Result<Vec<Bus>, F
         if let Some(instance) = &body.instance {
             config.instance.name.clone_from(instance);
         }
-        buses.push(Bus::open(&instance_paths(&config)?)?);
+        buses.push(context.join(&instance_paths(&config)?)?);
     }
     Ok(buses)
 }

@@ -46,9 +46,18 @@ impl ProcessContext {
     /// # Errors
     /// See [`Bus::open`].
     pub fn bus(&self) -> Result<Bus, BusError> {
-        let bus = Bus::open(&self.paths()?)?;
-        self.watches.add(bus.watch()?);
-        Ok(bus.with_signals(self.signals.clone()))
+        Ok(self.join(&self.paths()?)?.with_signals(self.signals.clone()))
+    }
+
+    /// Joins the instance at `paths`, which may be another one than that of the configuration; its files are watched until the process
+    /// ends.
+    ///
+    /// # Errors
+    /// See [`Bus::open`].
+    pub fn join(&self, paths: &InstancePaths) -> Result<Bus, BusError> {
+        let bus = Bus::open(paths)?;
+        self.watches.add(paths, bus.watch()?);
+        Ok(bus)
     }
 
     /// This context for a part of the process that has the role and the health of another one. The watchdog also checks the polls of

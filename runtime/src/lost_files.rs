@@ -14,6 +14,7 @@ use oqtal_bus::watch::LostFile;
 use crate::context::ProcessContext;
 use crate::exit::{Exit, Failure};
 use crate::health::MotorActivity;
+use crate::watches::WatchedInstance;
 
 /// Time between two checks; a loss is confirmed by the second one.
 const CHECK_PERIOD: Duration = Duration::from_millis(300);
@@ -60,8 +61,6 @@ pub(crate) fn watched(
 /// Checks the files until the job is over; returns a loss, and whether it ended the process.
 fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<(Failure, bool)> {
     let mut departure: Option<Departure> = None;
-    // Hashed before a loss: a link in the path of the root may be replaced.
-    let root = context.paths().map(|paths| paths.root_hash()).unwrap_or_default();
     // Instants of the last two checks without a loss; one found at the second check may have been there at the first.
     let mut whole = [Time::now(); 2];
     while over.recv_timeout(CHECK_PERIOD) == Err(RecvTimeoutError::Timeout) {
@@ -73,7 +72,7 @@ fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<(Failure
                     "{path} was removed or shortened while the instance runs, and is restored"
                 );
             } else if departure.is_none() {
-                departure = Some(Departure::begin(context, file, (root, whole[0])));
+                departure = Some(Departure::begin(context, file, whole[0]));
             }
         }
         if lost.iter().all(|file| file.is_restored) {
@@ -95,22 +94,26 @@ struct Departure {
     reason: String,
     begun_at: Time,
     motors_off_since: Option<Time>,
-    /// Other processes of vehicles and daemons at the time of the loss.
+    /// Other processes of vehicles and daemons at the time of the loss, on all instances of this process.
     flying: Vec<ObeyingProcess>,
+    /// Whether this process takes part in other instances, too, whose flights continue.
+    is_shared: bool,
 }
 
 impl Departure {
-    /// Reports the loss of `file`, and requests a landing from the loop of a daemon. `whole` is the hash of the root, and the last instant at
-    /// which all files were there.
-    fn begin(context: &ProcessContext, file: &LostFile, whole: (u64, Time)) -> Self {
+    /// Reports the loss of `file`, and requests a landing from the loop of a daemon. `whole_at` is the last instant at which all files were
+    /// there.
+    fn begin(context: &ProcessContext, file: &LostFile, whole_at: Time) -> Self {
         let reason = format!(
             "{} was removed or moved while the instance runs: no process can join it any more; start its processes again",
             file.path.display()
         );
         tracing::error!("{reason}; a flight is landed first");
         context.signals.files_lost.store(true, Ordering::Release);
-        let flying = others(&context.config.instance.name, whole);
-        Self { reason, begun_at: Time::now(), motors_off_since: None, flying }
+        let instances = context.watches.instances();
+        let flying = others(&instances, whole_at);
+        let is_shared = instances.len() > 1;
+        Self { reason, begun_at: Time::now(), motors_off_since: None, flying, is_shared }
     }
 
     fn failure(&self) -> Failure {
@@ -129,20 +132,22 @@ impl Departure {
             }
             MotorActivity::Unreported => {
                 let have_ended = self.flying.iter().all(|process| !process.is_running());
-                have_ended || now.since(self.begun_at) >= LONGEST_LANDING
+                have_ended || !self.is_shared && now.since(self.begun_at) >= LONGEST_LANDING
             }
         }
     }
 }
 
-/// Processes of vehicles and daemons on an instance under the root with this hash that were started before `whole_at`, without this
-/// one. Later ones belong to the next run of the instance.
-fn others(instance: &str, (root, whole_at): (u64, Time)) -> Vec<ObeyingProcess> {
+/// Processes of vehicles and daemons on `instances` that were started before `whole_at`, without this one. Later ones belong to the next
+/// run of their instance.
+fn others(instances: &[WatchedInstance], whole_at: Time) -> Vec<ObeyingProcess> {
     let is_here = |process: &ObeyingProcess| {
+        let is_of = |instance: &WatchedInstance| {
+            process.is_of_instance(&instance.name) && process.is_under_hash(instance.root_hash)
+        };
         process.pid != std::process::id()
             && process.started_at().is_some_and(|at| at < whole_at)
-            && process.is_of_instance(instance)
-            && process.is_under_hash(root)
+            && instances.iter().any(is_of)
     };
     ObeyingProcess::all().into_iter().filter(is_here).collect()
 }
