@@ -17,7 +17,7 @@ use crate::command_model::{CommandModel, motion_tracker};
 use crate::consistency::{Expectation, PoseConsistency};
 use crate::floor::AIRBORNE_M;
 use crate::guard::{Accepted, Guard, seconds};
-use crate::measured_noise::{MeasuredNoise, PoseDeviations};
+use crate::measured_noise::MeasuredNoise;
 use crate::vehicle::VehicleWatch;
 
 /// Time without an accepted pose after which poses count as missing \[periods\]: the second deadline in a row, three periods after
@@ -76,7 +76,7 @@ impl Intake {
     /// The vehicle has no model.
     pub(super) fn new(config: &Config, trajectory: &Trajectory) -> Result<Self, OptionError> {
         let commands = CommandModel::new(config)?;
-        Ok(Self {
+        let mut intake = Self {
             predict: Span::from_seconds(config.safety.predict_ms * 1e-3),
             missing_after: Span::period_of(config.control.rate_hz).scaled(MISSING_PERIODS),
             recovery_poses: config.safety.recovery_poses,
@@ -95,7 +95,10 @@ impl Intake {
             is_landing: false,
             reference: None,
             turn_rad: 0.0,
-        })
+        };
+        // A flight may begin before any noise was measured.
+        intake.use_measured_noise();
+        Ok(intake)
     }
 
     /// Takes a pose, `flying` or not; returns whether it was accepted. Unless `keeps`, the last position is discarded after a jump.
@@ -169,14 +172,14 @@ impl Intake {
             self.missing = self.contradiction();
         }
         if self.noise.take(captured_s, &pose, self.consistency.is_quiet()) {
-            self.set_measured_noise();
-            self.guard.set_noise(&self.noise.deviations());
+            self.use_measured_noise();
         }
     }
 
-    fn set_measured_noise(&mut self) {
-        let PoseDeviations { position_m, attitude_rad } = self.noise.deviations();
-        self.tracker.set_measured_noise(position_m, attitude_rad);
+    fn use_measured_noise(&mut self) {
+        let noise = self.noise.deviations();
+        self.tracker.set_measured_noise(noise.position_m, noise.attitude_rad);
+        self.guard.set_noise(&noise);
     }
 
     /// Why poses do not follow the vehicle: if it has not replied since they did, it may receive no commands.
@@ -295,7 +298,7 @@ impl Intake {
     /// Continues the flight with the model, the noise and the adaptation of `tracker`, for another law.
     pub(super) fn change_law(&mut self, tracker: &MotionTracker) {
         self.tracker.change_law(tracker);
-        self.set_measured_noise();
+        self.use_measured_noise();
     }
 
     /// Exchanges the path that is checked before the next flight.

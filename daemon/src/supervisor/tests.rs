@@ -42,6 +42,7 @@ const NO_LIMITS: LimitConditions = LimitConditions {
     poses_lost: false,
     poses_contradict: false,
     poses_disagree: false,
+    poses_mislead: false,
     overrun: false,
     stood_still: false,
     configs_differ: false,
@@ -224,10 +225,11 @@ fn every_limit_acts_within_its_bound_and_reports_its_cause() {
         change(&mut conditions.limits);
         conditions
     };
-    let rows: [(SafetyConditions, SafetyState, i64, Cause); 25] = [
+    let rows: [(SafetyConditions, SafetyState, i64, Cause); 26] = [
         (with(|l| l.stood_still = true), Stop, 0, Cause::Overrun),
         (with(|l| l.leaves_fence = true), Stop, 0, Cause::Fence),
         (with(|l| l.tipped = true), Stop, 100, Cause::Tilt),
+        (with(|l| l.poses_mislead = true), Stop, 300, Cause::Contradiction),
         (with(|l| l.lies_on_floor = true), Stop, 2000, Cause::Crash),
         (with(|l| l.stays_on_floor = true), Stop, 0, Cause::NoLift),
         (with(|l| l.landing_overdue = true), Stop, 0, Cause::Landing),
