@@ -185,10 +185,10 @@ def main():
 def fly_circle(gateway, given):
     """Sends references to `gateway` at the rate and for the time of the arguments, and prints each new refusal.
 
-    True if the daemon has followed them.
+    True if the daemon has followed them, and the gateway did not refuse them to the end.
     """
     begun = due = time.clock_gettime(time.CLOCK_BOOTTIME)
-    asked_at, told, followed = begun, None, False
+    asked_at, told, followed, refused = begun, None, False, False
     while due - begun < given.seconds:
         message = reference(due - begun, (0.0, 0.0, 1.0), 2000 / given.rate_hz)
         if not given.udp:
@@ -200,8 +200,13 @@ def fly_circle(gateway, given):
             gateway.send({"version": 1, "request": "status"})
             asked_at += STATUS_PERIOD_S
         while reply := gateway.reply():
-            followed |= "references of a planner" in reply["text"]
             refusal = refusal_in(reply)
+            if reply["answer"] == "refused":
+                refused = True
+            else:
+                # If these are refused, those that the daemon follows are another program's.
+                followed = not refused and (followed or "references of a planner" in reply["text"])
+                refused = False
             if refusal and refusal != told:
                 print(f"refused: {refusal}", file=sys.stderr)
                 told = refusal

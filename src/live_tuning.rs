@@ -33,14 +33,6 @@ const HOVER_S: f64 = 6.0;
 /// Whether the daemon was asked to use the new gains.
 static ARE_CHANGED: AtomicBool = AtomicBool::new(false);
 
-/// State of the daemon before the search, which must be the same when gains are applied.
-struct StateBeforeSearch {
-    /// Settings with which it flies.
-    settings: Vec<Setting>,
-    /// Error of the hover \[m\].
-    error_m: f64,
-}
-
 /// Tunes the law that flies for the vehicle that hovers, and with `--apply` changes its gains.
 ///
 /// # Errors
@@ -61,23 +53,21 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let files = LiveTuningFiles::begin(args, present.control.controller.name())?;
     handle_interrupts(&paths)?;
 
-    say(&format!("oqtal: stops, and measures the error of its hover for {HOVER_S} s"));
+    say("oqtal: comes to rest");
     ask(&bus, CtlRequest::Hover, &[])?;
     hover.follow(SETTLE_S, None)?;
-    let error_m = hover.error_m(HOVER_S)?;
     let flight = excitation::fly(&bus, &config, &mut hover, &files.recording)?;
-    let before = StateBeforeSearch { settings, error_m };
     say("oqtal: identifies the vehicle and searches for gains, while it hovers");
     // The daemon may run on this machine: the search must not disturb it. A failure is harmless.
     let _ = rustix::process::nice(19);
-    let identification = live::identified(&flight, &before.settings)?;
+    let identification = live::identified(&flight, &settings)?;
     files.write_vehicle(&identification, (&paths, &present))?;
-    let kept = files.with_config(&paths, &before.settings);
+    let kept = files.with_config(&paths, &settings);
     let found = live::tune(identification, &kept, search, &Progress::default())?;
     files.write(&found.tuned)?;
     let is_better = found.tuned.objective < found.tuned.start;
     if is_better && *apply {
-        return apply_gains(&found, (&bus, &config), &before, *least_margin_ratio);
+        return apply_gains(&found, (&bus, &config), &settings, *least_margin_ratio);
     }
     if is_better {
         let objection = objection(&found, *least_margin_ratio);
@@ -189,17 +179,18 @@ fn propose(tuned: &Tuned, objection: Option<&str>, paths: &InstancePaths) -> Res
 fn apply_gains(
     found: &LiveTuning,
     (bus, config): (&Bus, &Config),
-    before: &StateBeforeSearch,
+    settings: &[Setting],
     least_margin_ratio: f64,
 ) -> Result<Exit, Failure> {
     let (tuned, paths) = (&found.tuned, bus.paths());
-    require_unchanged(present_settings(bus), &before.settings)?;
     // The ticks of the time of the search were overwritten.
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
+    let is_sound = require_sound(found, least_margin_ratio);
+    let before_m = if is_sound.is_ok() { error_before(&mut hover)? } else { f64::NAN };
+    require_unchanged(present_settings(bus), settings)?;
     let course = requests::present_course(bus)?;
-    let ready = require_sound(found, least_margin_ratio)
-        .and_then(|()| require_at_end(&course, hover.is_at_rest(), &paths.flags()));
+    let ready = is_sound.and_then(|()| require_at_end(&course, hover.is_at_rest(), &paths.flags()));
     if let Err(failure) = ready {
         propose(tuned, None, paths)?;
         return Err(failure);
@@ -213,11 +204,19 @@ fn apply_gains(
     let after_m = after_m.map_err(|Failure { exit, message }| {
         Failure::new(exit, format!("{message}; the new gains are in use: {undo}"))
     })?;
-    let [before_mm, after_mm] = [before.error_m, after_m].map(|error_m| error_m * 1e3);
+    let [before_mm, after_mm] = [before_m, after_m].map(|error_m| error_m * 1e3);
     print(&format!(
         "hover, RMS over {HOVER_S} s: {before_mm:.1} mm before, {after_mm:.1} mm with the new gains; {undo}"
     ))?;
     Ok(Exit::Ok)
+}
+
+/// Error of the hover before the change of the gains \[m\].
+fn error_before(hover: &mut ObservedHover) -> Result<f64, Failure> {
+    say(&format!(
+        "oqtal: measures the error of the hover for {HOVER_S} s, before the change and after"
+    ));
+    hover.error_m(HOVER_S)
 }
 
 /// The failure of the request for the new gains; names the undo unless the daemon refused them.

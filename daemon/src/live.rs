@@ -248,7 +248,11 @@ impl LiveSettings {
         let before = of(&self.present);
         let new = of(next).into_iter().filter(|told| !before.contains(told));
         new.chain(without_effect(self.present(), &next.config))
-            .chain(oscillates(&next.config).filter(|_| oscillates(self.present()).is_none()))
+            .chain(
+                oscillates(&next.config)
+                    .filter(|_| oscillates(self.present()).is_none())
+                    .map(|warning| format!("{warning}, or take changed settings back by `undo`")),
+            )
             .collect()
     }
 

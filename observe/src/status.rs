@@ -96,7 +96,7 @@ impl InstanceStatus {
                 false => "",
             };
             lines.push(format!(
-                "configurations differ: restart the processes with one --config{link}; that of the daemon is {}",
+                "configurations differ: restart the processes with one --config{link}; that of the daemon, which may be the wrong one, is {}",
                 self.daemon_config.display()
             ));
         }

@@ -27,7 +27,7 @@ pub(crate) fn require_target(config: &Config, target: &Vector4<f64>) -> Result<(
     let [x, y, z, w]: [f64; 4] = (*target).into();
     let yaw = if w.is_nan() { String::new() } else { format!(", yaw {} deg,", w.to_degrees()) };
     let reason = format!(
-        "the point [{x}, {y}, {z}] m{yaw} must be more than {POSITION_ERROR_M} m inside the soft border of the fence, at the sides and the top: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
+        "the point [{x}, {y}, {z}] m{yaw} must be more than {POSITION_ERROR_M} m inside the soft border of the fence, at the sides and the top, and above its lower border: fence.x-m = {:?}, fence.y-m = {:?}, fence.z-m = {:?}, fence.soft-margin-m = {}",
         fence.x_m, fence.y_m, fence.z_m, fence.soft_margin_m
     );
     Err(Refusal { cause: Cause::Fence, reason })

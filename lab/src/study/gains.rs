@@ -208,7 +208,7 @@ fn check_study(
     Err(Failure::new(
         Exit::Config,
         format!(
-            "{}: gains for {key} = {value}, and this command has {of_study}: find gains for {of_study} with `oqtal tune {controller} --out {out} --force` and the --config and --set of this command, fly with --set {key}={value}, or remove the line from the file to fly these gains with {of_study}",
+            "{}: gains for {key} = {value}, and this command has {of_study}: find gains for {of_study} with `oqtal tune {controller} --out {out} --force` and the --config and --set of this command, fly with the --config for which they were found (--set {key}={value}, and cameras to match), or remove the line from the file to fly these gains with {of_study}",
             directory.join(format!("{controller}.toml")).display()
         ),
     ))

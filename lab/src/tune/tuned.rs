@@ -98,6 +98,9 @@ impl Tuned {
         // For the position loops it is 1 by definition.
         let unit = match &*self.target {
             "outer" => "",
+            _ if self.options.starts_with(LIVE) => {
+                " (1 is `oqtal` with its configured gains and the computed integral limit in the same flights)"
+            }
             _ => " (1 is `oqtal` with its configured gains in the same flights)",
         };
         let start = match self.start.is_finite() {
