@@ -186,7 +186,7 @@ impl CtlArgs {
     ) -> Result<(), Failure> {
         let flies_file = |config: &Config| config.trajectory.kind == TrajectoryKind::Waypoints;
         let is_checked = matches!(self.command, CtlRequest::Arm) && named.is_some_and(flies_file);
-        match waypoints_note(&address.paths).filter(|_| is_checked) {
+        match is_checked.then(|| waypoints_note(&address.paths)).flatten() {
             Some(note) => {
                 let kept = "without --config the vehicle flies along the waypoints that were read";
                 Err(Failure::new(Exit::Flight, format!("arm refused: {note}; {kept}")))

@@ -53,7 +53,7 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let files = LiveTuningFiles::begin(args, present.control.controller.name())?;
     handle_interrupts(&paths)?;
 
-    say("oqtal: comes to rest");
+    say("oqtal: the vehicle comes to rest");
     ask(&bus, CtlRequest::Hover, &[])?;
     hover.follow(SETTLE_S, None)?;
     let flight = excitation::fly(&bus, &config, &mut hover, &files.recording)?;
@@ -186,15 +186,22 @@ fn apply_gains(
     // The ticks of the time of the search were overwritten.
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
-    let is_sound = require_sound(found, least_margin_ratio);
-    let before_m = if is_sound.is_ok() { error_before(&mut hover)? } else { f64::NAN };
-    require_unchanged(present_settings(bus), settings)?;
-    let course = requests::present_course(bus)?;
-    let ready = is_sound.and_then(|()| require_at_end(&course, hover.is_at_rest(), &paths.flags()));
-    if let Err(failure) = ready {
-        propose(tuned, None, paths)?;
-        return Err(failure);
-    }
+    let ready = |hover: &ObservedHover| {
+        require_unchanged(present_settings(bus), settings)?;
+        let course = requests::present_course(bus)?;
+        require_at_end(&course, hover.is_at_rest(), &paths.flags())
+    };
+    let before = require_sound(found, least_margin_ratio)
+        .and_then(|()| ready(&hover))
+        .and_then(|()| error_before(&mut hover))
+        .and_then(|before_m| ready(&hover).map(|()| before_m));
+    let before_m = match before {
+        Ok(before_m) => before_m,
+        Err(failure) => {
+            propose(tuned, None, paths)?;
+            return Err(failure);
+        }
+    };
     // Before the request: an interrupt during it must name the undo.
     ARE_CHANGED.store(true, Ordering::Relaxed);
     ask(bus, CtlRequest::Set, &assignments(tuned))

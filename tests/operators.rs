@@ -146,6 +146,7 @@ fn an_edited_waypoint_file_is_named_refused_for_an_expected_configuration_and_re
         let told = said(words);
         assert!(told.contains(&edited), "{words:?}: {told}");
     }
+    testbed.refuses(&["ctl", "arm", "--config", &name], 1, &["arm refused: ", &edited]);
     assert!(said(&["reload"]).contains(&format!("trajectory.waypoints-file=\"{path}\"")));
     assert!(!said(&["status"]).contains("path.csv: ") && said(&["reload"]).contains("no setting"));
     daemon.signal(rustix::process::Signal::KILL);

@@ -18,11 +18,11 @@ pub(crate) fn addresses(host: &HostPort) -> Result<Vec<SocketAddr>, PortOpenErro
     if found.is_empty() { Err(unknown("it has no address".to_owned())) } else { Ok(found) }
 }
 
-/// Claims the vehicle at `peer`, over the protocol `protocol`, for this process: two programs of a machine that command one vehicle would
-/// crash it. A port that is not bound to an address of this machine excludes nobody by itself. The claim ends with the value.
+/// Claims the vehicle at `peer`, over the protocol `protocol`, for this process, until the value is dropped. Two programs that command one
+/// vehicle would crash it, and binding a local port does not exclude others from a remote peer.
 ///
 /// # Errors
-/// Another process has claimed it.
+/// Another process of this machine has claimed it, or the operating system refuses the socket.
 pub(crate) fn claim(protocol: &str, peer: SocketAddr) -> Result<UnixDatagram, PortOpenError> {
     let name = format!("oqtal-vehicle-{protocol}-{peer}");
     let claimed = UnixAddress::from_abstract_name(name).and_then(|it| UnixDatagram::bind_addr(&it));

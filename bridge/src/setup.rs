@@ -161,6 +161,8 @@ pub fn transport(spec: &LinkSpec, peer: Address) -> Box<dyn VehicleTransport> {
 
 /// The port of the link `spec`.
 pub(crate) fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
+    // Behind one address, a router may serve several vehicles that are told apart by their number.
+    let is_exclusive = !matches!(spec, LinkSpec::Mavlink(link) if link.system.is_some());
     match spec.port() {
         PortSpec::Serial(SerialSpec { path, baud }) => Box::new(SerialPortOptions {
             path: path.into(),
@@ -168,8 +170,8 @@ pub(crate) fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
             hardware_flow_control: config.bridge.hardware_flow_control,
         }),
         PortSpec::UdpIn(host) => Box::new(UdpPortOptions::In(host)),
-        PortSpec::UdpOut(host) => Box::new(UdpPortOptions::Out(host)),
-        PortSpec::Tcp(server) => Box::new(TcpPortOptions { server }),
+        PortSpec::UdpOut(host) => Box::new(UdpPortOptions::Out { host, is_exclusive }),
+        PortSpec::Tcp(server) => Box::new(TcpPortOptions { server, is_exclusive }),
         PortSpec::Radio(vehicle) => Box::new(RadioPortOptions {
             vehicle,
             packets_per_s: config.bridge.crtp.radio_packets_per_s,

@@ -28,6 +28,8 @@ const SEND_BUFFER: usize = 1024;
 pub struct TcpPortOptions {
     /// The server.
     pub server: HostPort,
+    /// Whether other programs of this machine are excluded from it.
+    pub is_exclusive: bool,
 }
 
 /// Open connection.
@@ -35,22 +37,21 @@ pub struct TcpPortOptions {
 pub struct TcpLink {
     stream: TcpStream,
     /// Excludes other programs from the vehicle.
-    _claim: UnixDatagram,
+    _claim: Option<UnixDatagram>,
 }
 
 impl PortOptions for TcpPortOptions {
     fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError> {
-        let mut result = Err(ErrorKind::NotFound.into());
-        let addresses = addresses(&self.server)?;
-        let claim = claim("tcp", addresses[0])?;
-        for address in addresses {
+        let (mut result, mut claimed) = (Err(ErrorKind::NotFound.into()), None);
+        for address in addresses(&self.server)? {
+            claimed = self.is_exclusive.then(|| claim("tcp", address)).transpose()?;
             result = TcpStream::connect_timeout(&address, CONNECTED_WITHIN);
             if result.is_ok() {
                 break;
             }
         }
         let stream = result.and_then(prepared).map_err(|error| refused(&self.server, &error))?;
-        Ok(Box::new(TcpLink { stream, _claim: claim }))
+        Ok(Box::new(TcpLink { stream, _claim: claimed }))
     }
 }
 
@@ -99,7 +100,10 @@ mod tests {
     fn bytes_go_both_ways_and_an_end_is_an_error() {
         let server = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = server.local_addr().unwrap().port();
-        let options = TcpPortOptions { server: HostPort { host: "127.0.0.1".to_owned(), port } };
+        let options = TcpPortOptions {
+            server: HostPort { host: "127.0.0.1".to_owned(), port },
+            is_exclusive: true,
+        };
         let mut link = options.open().unwrap();
         let (mut vehicle, _) = server.accept().unwrap();
         let mut buffer = [0; 16];
@@ -116,7 +120,10 @@ mod tests {
     fn a_server_that_takes_nothing_soon_fills_the_buffer_and_costs_the_connection() {
         let server = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = server.local_addr().unwrap().port();
-        let options = TcpPortOptions { server: HostPort { host: "127.0.0.1".to_owned(), port } };
+        let options = TcpPortOptions {
+            server: HostPort { host: "127.0.0.1".to_owned(), port },
+            is_exclusive: true,
+        };
         let mut link = options.open().unwrap();
         assert!(link.discard().is_err());
     }

@@ -23,7 +23,12 @@ pub enum UdpPortOptions {
     /// Address of this machine to which vehicles send.
     In(HostPort),
     /// Address of the vehicle.
-    Out(HostPort),
+    Out {
+        /// The address.
+        host: HostPort,
+        /// Whether other programs of this machine are excluded from it.
+        is_exclusive: bool,
+    },
 }
 
 /// Open UDP port.
@@ -45,7 +50,7 @@ struct LearnedPeer {
 
 impl PortOptions for UdpPortOptions {
     fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError> {
-        let (Self::In(host) | Self::Out(host)) = self;
+        let (Self::In(host) | Self::Out { host, .. }) = self;
         let refused = |error: io::Error| refused(host, &error);
         let addresses = addresses(host)?;
         let link = match self {
@@ -53,13 +58,13 @@ impl PortOptions for UdpPortOptions {
                 let socket = UdpSocket::bind(addresses.as_slice()).map_err(refused)?;
                 UdpLink { socket, learned: Some(LearnedPeer::default()), _claim: None }
             }
-            Self::Out(_) => {
+            Self::Out { is_exclusive, .. } => {
                 let peer = addresses[0];
-                let claim = claim("udp", peer)?;
+                let claim = is_exclusive.then(|| claim("udp", peer)).transpose()?;
                 let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
                 let socket = UdpSocket::bind(any).map_err(refused)?;
                 socket.connect(peer).map_err(refused)?;
-                UdpLink { socket, learned: None, _claim: Some(claim) }
+                UdpLink { socket, learned: None, _claim: claim }
             }
         };
         link.socket.set_nonblocking(true).map_err(refused)?;
@@ -216,7 +221,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_is_missing_at_first_is_not_an_error() {
         let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let mut link = UdpPortOptions::Out(here(free)).open().unwrap();
+        let mut link = UdpPortOptions::Out { host: here(free), is_exclusive: true }.open().unwrap();
         let mut buffer = [0; 16];
         for _ in 0..3 {
             assert_eq!(link.write(b"hello").unwrap(), 5);
@@ -237,7 +242,7 @@ mod tests {
         let error = UdpPortOptions::In(elsewhere).open().unwrap_err();
         assert!(matches!(error, PortOpenError::NotLocal { .. }), "{error}");
         let nowhere = HostPort { host: "no.such.host.invalid".to_owned(), port: 1 };
-        let error = UdpPortOptions::Out(nowhere).open().unwrap_err();
+        let error = UdpPortOptions::Out { host: nowhere, is_exclusive: true }.open().unwrap_err();
         assert!(matches!(error, PortOpenError::UnknownHost { .. }), "{error}");
     }
 }

@@ -63,8 +63,12 @@ impl FenceOptions {
         }
         match crossing(&self.polygon_m) {
             Some((a, b)) => {
-                let found = format!("corners of which the sides after {a:?} and {b:?} cross");
-                Err(OptionError::new("polygon-m", found, "the corners in their order around the room"))
+                let found = format!("with sides that cross, those that begin at {a:?} and {b:?}");
+                Err(OptionError::new(
+                    "polygon-m",
+                    found,
+                    "the corners in their order around the room",
+                ))
             }
             None => Ok(()),
         }

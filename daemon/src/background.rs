@@ -101,7 +101,7 @@ impl ConfigFile {
     }
 
     /// Notes which files were read again, by their `comments`; after a loss nothing is written, as in [`ConfigFile::keep`].
-    fn note_reread(&mut self, comments: String, bus: &Bus) {
+    fn note_files(&mut self, comments: String, bus: &Bus) {
         if self.comments != comments && !bus.is_lost() {
             self.comments = comments;
             self.write();
@@ -233,7 +233,7 @@ impl BackgroundWorker for DaemonWorker {
             let response = requests.ask(request, &mut publish);
             // Before the answer, whose reader may look at the file.
             let comments = requests.settings.as_ref().map(LiveSettings::file_comments);
-            file.note_reread(comments.unwrap_or_default(), bus);
+            file.note_files(comments.unwrap_or_default(), bus);
             response
         });
         if let Err(error) = served {

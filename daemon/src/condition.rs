@@ -128,7 +128,7 @@ impl Condition {
         let state = SafetyState::from_code(self.state);
         let reaction = state.filter(|state| *state > SafetyState::Degraded);
         let was_absent = self.handover_reason() == HandoverCause::Absent;
-        if was_absent && !lacks_law && mode == Mode::Flying.code() {
+        if was_absent && !lacks_law && reaction.is_none() && mode == Mode::Flying.code() {
             return failure(HandoverCause::None);
         }
         match (self.handover_reason(), reaction) {

@@ -28,7 +28,7 @@ use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
 use crate::warnings::{oscillates, quick_warnings, without_effect};
-use crate::waypoint_file::{ReadSettings, WAYPOINTS_FILE, require_file};
+use crate::waypoint_file::{ReadSettings, WAYPOINTS_KEY, require_regular_file};
 
 /// Number of changes of settings that can be taken back \[-\].
 const MOST_UNDONE: usize = 32;
@@ -134,7 +134,7 @@ pub struct LiveSettings {
 impl LiveSettings {
     /// The settings of `config`, which was read from `files`, without copies; its waypoint file is read.
     pub fn new(config: &Config, files: &[PathBuf]) -> Self {
-        Self::of(ReadSettings::at_start(config.clone()), files.to_vec())
+        Self::of(ReadSettings::at_start(config), files.to_vec())
     }
 
     /// As [`LiveSettings::new`] without files, with these points of the waypoint file.
@@ -306,7 +306,7 @@ impl LiveSettings {
                 twice.key
             )));
         }
-        let is_named = keys.contains(WAYPOINTS_FILE);
+        let is_named = keys.contains(WAYPOINTS_KEY);
         self.settings(self.read(self.present().with_live(&settings)?, is_named)?, text, false)
     }
 
@@ -318,7 +318,7 @@ impl LiveSettings {
             let reason = "no file to reload: the daemon was started without a file, or with a copy, config.toml of a flight or an instance, which does not have later edits; name the file";
             return Err(Refusal::of_setting(reason));
         }
-        files.iter().try_for_each(|file| require_file(file))?;
+        files.iter().try_for_each(|file| require_regular_file(file))?;
         // First: an edit from now on is told once too often, and never lost.
         let reread = reread_comments(&self.present.reread, files);
         let mut settings = Vec::new();
@@ -334,8 +334,8 @@ impl LiveSettings {
             }
             false => self.present().with_live(&settings)?,
         };
-        let is_named = path.is_empty() || settings.iter().any(|it| it.key == WAYPOINTS_FILE);
-        // Of a file that was removed the points stay.
+        let is_named = path.is_empty() || settings.iter().any(|it| it.key == WAYPOINTS_KEY);
+        // If the file was removed, its points are kept.
         let is_read =
             is_named && next.trajectory.waypoints_file.as_ref().is_some_and(|it| it.exists());
         let mut changed = self.present().differences(&next).map_err(Refusal::of_setting)?;
@@ -362,7 +362,7 @@ impl LiveSettings {
                 Ok(ReadSettings { config, waypoints: Some(points.clone()), ..present })
             }
             (Some(file), None) => {
-                require_file(file)?;
+                require_regular_file(file)?;
                 Ok(ReadSettings { reread: present.reread, ..ReadSettings::reading(config)? })
             }
             (None, _) => {

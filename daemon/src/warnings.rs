@@ -28,9 +28,11 @@ const MOST_THRUST: f64 = 20.0;
 const MOST_AUTHORITY: f64 = 20.0;
 /// Lags and delays without a note \[ms\], apart from none.
 const USUAL_MS: RangeInclusive<f64> = 0.2..=1000.0;
-/// Noise of the cameras without a note \[mm\], \[deg\], and voltages of a battery \[V\], apart from none.
+/// Position noise of the cameras without a note \[mm\], apart from none.
 const USUAL_NOISE_MM: RangeInclusive<f64> = 0.005..=100.0;
+/// Attitude noise of the cameras without a note \[deg\], apart from none.
 const USUAL_NOISE_DEG: RangeInclusive<f64> = 0.005..=20.0;
+/// Voltage of a battery without a note \[V\], apart from none.
 const USUAL_BATTERY_V: RangeInclusive<f64> = 2.0..=100.0;
 /// Plausible ratio of a moment of inertia to mass^(5/3), which is constant for bodies of equal shape and density
 /// \[kg^(-2/3) m^2\].

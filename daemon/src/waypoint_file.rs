@@ -9,7 +9,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use crate::refusal::Refusal;
 
 /// Key of the file.
-pub(crate) const WAYPOINTS_FILE: &str = "trajectory.waypoints-file";
+pub(crate) const WAYPOINTS_KEY: &str = "trajectory.waypoints-file";
 
 /// The trajectory of `config`, whose waypoint file is read if it flies one.
 ///
@@ -53,8 +53,8 @@ fn comment(config: &Config) -> String {
     config.trajectory.waypoints_file.as_deref().map_or_else(String::new, waypoints_comment)
 }
 
-/// Fails if `path` is there and not a file: a pipe would be waited for, and so would every later request.
-pub(crate) fn require_file(path: &Path) -> Result<(), Refusal> {
+/// Fails if `path` exists and is not a regular file: reading a pipe would block this and every later request.
+pub(crate) fn require_regular_file(path: &Path) -> Result<(), Refusal> {
     match path.metadata() {
         Ok(found) if !found.is_file() => {
             Err(Refusal::of_setting(format!("{}: not a regular file", path.display())))
@@ -77,11 +77,9 @@ pub(crate) struct ReadSettings {
 }
 
 impl ReadSettings {
-    /// `config`, whose waypoint file is read. A file that cannot be read is an error of the request that needs it.
-    pub(crate) fn at_start(config: Config) -> Self {
-        let waypoints_read = comment(&config);
-        let waypoints = waypoints(&config).unwrap_or(None);
-        Self { waypoints_read, ..Self::along(config, waypoints) }
+    /// As [`Self::reading`], without points if the file cannot be read: the request that needs them reports the error.
+    pub(crate) fn at_start(config: &Config) -> Self {
+        Self::reading(config.clone()).unwrap_or_else(|_| Self::along(config.clone(), None))
     }
 
     /// `config`, whose waypoint file is read.
@@ -102,7 +100,7 @@ impl ReadSettings {
 
     /// The setting that names the waypoint file, as `KEY=VALUE`; `None` without a file.
     pub(crate) fn named_file(&self) -> Option<String> {
-        self.config.value(WAYPOINTS_FILE).map(|file| format!("{WAYPOINTS_FILE}={file}"))
+        self.config.value(WAYPOINTS_KEY).map(|file| format!("{WAYPOINTS_KEY}={file}"))
     }
 
     /// Whether `other` has the same settings and points; the files that were read again may differ.

@@ -58,7 +58,7 @@ impl HandoverFigures {
     pub fn note(&self) -> Option<&'static str> {
         (2 * self.fallback_ticks > self.trajectory_ticks).then_some(match self.is_late() {
             true => {
-                "the fallback law flew most of the trajectory: the figures are not those of the configured law, whose answers were late; a greater external.budget-us gives it more time, fewer external.return-answers give it control back sooner"
+                "the fallback law flew most of the trajectory: the figures are not those of the configured law, whose answers were late: raise external.budget-us to give it more time, or lower external.return-answers to give it control back sooner"
             }
             false => {
                 "the fallback law flew most of the trajectory: the figures are not those of the configured law"

@@ -16,7 +16,7 @@ pub struct FenceHold {
     /// Whether a tick after the first hold is scored: the errors contain the return to the reference.
     #[serde(skip)]
     pub is_return_scored: bool,
-    /// Whether the vehicle fell when the first hold began: it could not have stopped above the lower border.
+    /// Whether the vehicle was falling when the first hold began.
     #[serde(skip)]
     pub is_fall: bool,
 }
@@ -37,7 +37,8 @@ impl FenceHold {
 
     /// The holds as text, for a flight of which a part is scored or not; `None` without a hold.
     pub fn text(&self, is_scored: bool) -> Option<String> {
-        let cause = if self.is_fall { ", falling to its lower border (fence.z-m)," } else { "" };
+        let cause =
+            if self.is_fall { ", after a fall towards its lower border (fence.z-m)" } else { "" };
         let scored = match (is_scored, self.is_return_scored) {
             (false, _) => "",
             (true, false) => ", which is not scored",
@@ -45,7 +46,7 @@ impl FenceHold {
                 ", which is not scored; the return from it is: do not compare with other flights"
             }
         };
-        (self.held_s > 0.0).then(|| format!("{HELD}{cause} for {:.2} s{scored}", self.held_s))
+        (self.held_s > 0.0).then(|| format!("{HELD} for {:.2} s{cause}{scored}", self.held_s))
     }
 }
 
@@ -75,10 +76,8 @@ mod tests {
         first.telemetry.velocity = [0.0, 0.0, -3.0];
         first.truth = None;
         let crashed = told(&flight).unwrap();
-        assert!(
-            crashed.starts_with("held by the fence, falling to its lower border (fence.z-m), for ")
-        );
-        assert!(crashed.ends_with(" s, which is not scored"), "{crashed}");
+        assert!(crashed.contains(" s, after a fall towards its lower border (fence.z-m)"));
+        assert!(crashed.ends_with("(fence.z-m), which is not scored"), "{crashed}");
         assert_eq!(FenceHold::of(&flight).text(false).unwrap() + ", which is not scored", crashed);
     }
 }

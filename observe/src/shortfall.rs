@@ -125,9 +125,10 @@ impl Flight {
     /// Reason why there was no take-off.
     fn without_flight(&self) -> String {
         let unflown = "nothing was flown: the motors were never armed";
+        let stopped = "nothing was flown: stopped before the motors were armed";
         match self.outcome {
             Outcome::Unfinished => return format!("{unflown} in this recording"),
-            Outcome::Stopped => return format!("{unflown} before the stop: {}", self.stop_cause()),
+            Outcome::Stopped => return format!("{stopped} ({})", self.stop_cause()),
             _ => {}
         }
         let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
@@ -353,7 +354,7 @@ mod tests {
             telemetry.state = SafetyState::Stop.code();
             telemetry.cause = Cause::Operator.code();
         }
-        let told = format!("the motors were never armed before the stop: {}", Cause::Operator);
+        let told = format!("stopped before the motors were armed ({})", Cause::Operator);
         assert_eq!(flight.shortfall().unwrap(), format!("nothing was flown: {told}"));
     }
 

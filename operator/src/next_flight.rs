@@ -170,7 +170,9 @@ impl NextFlight {
         } else if obstacles.contains(ArmingObstacle::VehicleSilent) && has_process {
             Some("switch the vehicle on or bring it into range (it does not answer)")
         } else if obstacles.contains(ArmingObstacle::Configuration) {
-            Some("restart the processes with one --config: their configurations differ")
+            Some(
+                "restart the processes, whose configurations differ, with the same --config and --set",
+            )
         } else {
             None
         };
@@ -299,7 +301,7 @@ mod tests {
         assert!(flight.is_ready());
         for (obstacle, step) in [
             (ArmingObstacle::VehicleSilent, "switch the vehicle on"),
-            (ArmingObstacle::Configuration, "restart the processes with one --config"),
+            (ArmingObstacle::Configuration, "with the same --config and --set"),
         ] {
             flight.note_obstacles(ArmingObstacles::default().with(obstacle, true));
             let text = flight.to_string();

@@ -252,7 +252,7 @@ pub(crate) fn start_beside(other: OtherConfig<'_>, paths: &InstancePaths) -> Str
              an edit"
         ),
         false => format!(
-            "restart {process} with the --config and --set of the other processes, and start a daemon with `{}`",
+            "restart {process} with the --config and --set of the last daemon, and start a daemon with `{}`",
             start_daemon(paths)
         ),
     }

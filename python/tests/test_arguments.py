@@ -46,7 +46,7 @@ def test_gains_of_another_vehicle_and_replaced_gains_are_warned_of(capfd):
         oqtal.robustness(["pid"], heavy, runs=1)
     texts = [str(warning.message) for warning in issued]
     assert any("found for the shipped vehicle" in text for text in texts), texts
-    assert any("replaces your settings of control.pid.gain" in text for text in texts), texts
+    assert any("overrides your settings of control.pid.gain" in text for text in texts), texts
     assert {warning.filename for warning in issued} == {__file__}
     assert capfd.readouterr() == ("", "")
 

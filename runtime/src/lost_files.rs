@@ -65,17 +65,17 @@ fn watch_until(context: &ProcessContext, over: &Receiver<()>) -> Option<(Failure
     let mut whole = [Time::now(); 2];
     while over.recv_timeout(CHECK_PERIOD) == Err(RecvTimeoutError::Timeout) {
         let lost = context.watches.check();
-        for file in &lost {
+        for (instance, file) in &lost {
             let path = file.path.display();
             if file.is_restored {
                 tracing::warn!(
                     "{path} was removed or shortened while the instance runs, and is restored"
                 );
             } else if departure.is_none() {
-                departure = Some(Departure::begin(context, file, whole[0]));
+                departure = Some(Departure::begin(context, (instance, file), whole[0]));
             }
         }
-        if lost.iter().all(|file| file.is_restored) {
+        if lost.iter().all(|(_, file)| file.is_restored) {
             whole = [whole[1], Time::now()];
         }
         if let Some(departure) = &mut departure
@@ -94,26 +94,29 @@ struct Departure {
     reason: String,
     begun_at: Time,
     motors_off_since: Option<Time>,
-    /// Other processes of vehicles and daemons at the time of the loss, on all instances of this process.
+    /// Other processes of vehicles and daemons of the lost instance.
     flying: Vec<ObeyingProcess>,
-    /// Whether this process takes part in other instances, too, whose flights continue.
-    is_shared: bool,
+    /// Other instances in which this process takes part: it serves their flights.
+    kept: Vec<WatchedInstance>,
 }
 
 impl Departure {
     /// Reports the loss of `file`, and requests a landing from the loop of a daemon. `whole_at` is the last instant at which all files were
     /// there.
-    fn begin(context: &ProcessContext, file: &LostFile, whole_at: Time) -> Self {
+    fn begin(
+        context: &ProcessContext,
+        (instance, file): (&WatchedInstance, &LostFile),
+        whole_at: Time,
+    ) -> Self {
         let reason = format!(
             "{} was removed or moved while the instance runs: no process can join it any more; start its processes again",
             file.path.display()
         );
         tracing::error!("{reason}; a flight is landed first");
         context.signals.files_lost.store(true, Ordering::Release);
-        let instances = context.watches.instances();
-        let flying = others(&instances, whole_at);
-        let is_shared = instances.len() > 1;
-        Self { reason, begun_at: Time::now(), motors_off_since: None, flying, is_shared }
+        let flying = others(std::slice::from_ref(instance), whole_at);
+        let kept = context.watches.others(instance);
+        Self { reason, begun_at: Time::now(), motors_off_since: None, flying, kept }
     }
 
     fn failure(&self) -> Failure {
@@ -132,7 +135,8 @@ impl Departure {
             }
             MotorActivity::Unreported => {
                 let have_ended = self.flying.iter().all(|process| !process.is_running());
-                have_ended || !self.is_shared && now.since(self.begun_at) >= LONGEST_LANDING
+                let is_over = have_ended || now.since(self.begun_at) >= LONGEST_LANDING;
+                is_over && others(&self.kept, now).is_empty()
             }
         }
     }

@@ -25,22 +25,22 @@ impl Watches {
         self.lock().push((instance, watch));
     }
 
-    /// Files that were removed; each file once.
-    pub(crate) fn check(&self) -> Vec<LostFile> {
-        let mut lost: Vec<LostFile> = Vec::new();
-        for file in self.lock().iter_mut().flat_map(|(_, watch)| watch.check()) {
-            if !lost.iter().any(|known| known.path == file.path) {
-                lost.push(file);
+    /// Files that were removed, with their instances; each file once.
+    pub(crate) fn check(&self) -> Vec<(WatchedInstance, LostFile)> {
+        let mut lost: Vec<(WatchedInstance, LostFile)> = Vec::new();
+        for (instance, watch) in self.lock().iter_mut() {
+            for file in watch.check() {
+                if !lost.iter().any(|(_, known)| known.path == file.path) {
+                    lost.push((instance.clone(), file));
+                }
             }
         }
         lost
     }
 
-    /// The instances that are watched; each one once.
-    pub(crate) fn instances(&self) -> Vec<WatchedInstance> {
-        let mut instances: Vec<_> = self.lock().iter().map(|(it, _)| it.clone()).collect();
-        instances.dedup();
-        instances
+    /// The watched instances other than `lost`.
+    pub(crate) fn others(&self, lost: &WatchedInstance) -> Vec<WatchedInstance> {
+        self.lock().iter().map(|(it, _)| it.clone()).filter(|it| it != lost).collect()
     }
 
     fn lock(&self) -> MutexGuard<'_, Vec<(WatchedInstance, InstanceWatch)>> {

@@ -59,6 +59,8 @@ pub(super) struct Intake {
     fresh_at: Option<Time>,
     /// Why the last pose that was due is missing.
     missing: Cause,
+    /// Whether poses since the last accepted one contradict the motion predicted from those before.
+    contradicts_motion: bool,
     /// Last instant at which no test had evidence that the poses do not agree with the vehicle.
     undisputed_at: Time,
     /// Whether the vehicle lands: it may stand on something already.
@@ -91,6 +93,7 @@ impl Intake {
             fresh: None,
             fresh_at: None,
             missing: Cause::NoPose,
+            contradicts_motion: false,
             undisputed_at: Time::UNSET,
             is_landing: false,
             reference: None,
@@ -125,10 +128,13 @@ impl Intake {
                 self.check_consistency(now, &accepted);
                 self.fresh = Some(arrival.0);
                 self.arming.take(&accepted);
+                self.contradicts_motion = false;
                 true
             }
             Err(cause) => {
                 self.missing = cause;
+                // A single outlier says nothing about the poses before it.
+                self.contradicts_motion |= matches!(cause, Cause::Relabel | Cause::Frozen);
                 if !keeps {
                     self.guard.forget();
                 }
@@ -239,6 +245,11 @@ impl Intake {
     /// Why the last pose that was due is missing.
     pub(super) fn missing(&self) -> Cause {
         self.missing
+    }
+
+    /// Whether poses since the last accepted one contradict the motion predicted from those before: a lasting jump, or frozen poses.
+    pub(super) fn contradicts_motion(&self) -> bool {
+        self.contradicts_motion
     }
 
     /// Age of the last accepted pose; `None` before the first.

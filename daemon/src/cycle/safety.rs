@@ -166,13 +166,12 @@ impl SafetyMonitor {
         }
     }
 
-    /// Whether the vehicle may descend without poses: it has its own attitude loop, was in the air at the last pose, and has not
-    /// descended for too long.
+    /// Whether the vehicle may descend without poses: it has its own attitude loop, was in the air at the last pose, its motion is known, and
+    /// it has not descended for too long.
     fn may_descend(&self, now: Time, intake: &Intake) -> bool {
         let is_possible = |last: &Accepted| self.descent.is_possible(now.since(last.captured_at));
-        let are_lost = matches!(intake.missing(), Cause::NoPose | Cause::Untracked | Cause::Stale);
-        // If poses contradicted the vehicle or the motion predicted from earlier ones, those may have been wrong: the motion is unknown.
-        let is_known = are_lost && !intake.consistency().is_disputed();
+        // If poses contradicted the vehicle or the motion predicted from earlier ones, those may have been wrong.
+        let is_known = !(intake.contradicts_motion() || intake.consistency().is_disputed());
         (is_known || self.supervisor.state() == SafetyState::Descend)
             && !intake.consistency().contradicts()
             && intake.was_airborne()

@@ -208,7 +208,7 @@ fn check_study(
     Err(Failure::new(
         Exit::Config,
         format!(
-            "{}: gains for {key} = {value}, and this command has {of_study}: find gains for {of_study} with `oqtal tune {controller} --out {out} --force` and the --config and --set of this command, fly with the --config for which they were found (--set {key}={value}, and cameras to match), or remove the line from the file to fly these gains with {of_study}",
+            "{}: these gains were found with {key} = {value}, and this command has {of_study}: tune again with the --config and --set of this command (`oqtal tune {controller} --out {out} --force`), fly with those for which they were found (--set {key}={value}), or remove the line from the file",
             directory.join(format!("{controller}.toml")).display()
         ),
     ))
@@ -254,7 +254,7 @@ pub fn replaced(laws: &[StudyLaw], common: &[Setting]) -> Option<String> {
     }
     (!keys.is_empty()).then(|| {
         format!(
-            "--gains replaces your settings of {}, which the configuration beside the results has all the same; to fly one of yours, remove its key from the files of --gains, or give --gains configured for all",
+            "--gains overrides your settings of {} (the configuration written beside the results still lists yours); to fly your value, remove the key from the files of gains, or use --gains configured",
             keys.join(", ")
         )
     })

@@ -19,7 +19,7 @@ pub const CONFIG_FILE: &str = "config.toml";
 /// Name of the attachment with the waypoints of the configuration.
 pub const WAYPOINTS_FILE: &str = "waypoints.csv";
 
-/// Number, in place of a request's, of the start of a daemon: the file was edited after the recording had begun \[-\].
+/// Stands for the number of a request in the name of the waypoints that a daemon read at its start \[-\].
 pub(super) const AT_START: u64 = 0;
 
 /// Name of the attachment with the waypoints that the daemon `source` read for the request `number`, or at its start, [`AT_START`].
