@@ -112,6 +112,8 @@ mod tests {
         vehicle.read_exact(&mut buffer[..5]).unwrap();
         drop((vehicle, server));
         assert_eq!(link.read(&mut buffer).unwrap_err().kind(), ErrorKind::ConnectionAborted);
+        assert!(matches!(options.open().unwrap_err(), PortOpenError::Busy { .. }));
+        drop(link);
         let error = options.open().unwrap_err();
         assert!(matches!(error, PortOpenError::NoServer { .. }), "{error}");
     }

@@ -287,9 +287,7 @@ mod tests {
             GainSource::Directory(directory.path().into()).law("pid", &common)
         };
         let refused = law(50.0).unwrap_err();
-        for part in
-            ["pid.toml: gains for control.rate-hz = 100, and this command has 50.0", "--force"]
-        {
+        for part in ["found with control.rate-hz = 100, and this command has 50.0", "--force"] {
             assert!(refused.message.contains(part), "{part}: {refused}");
         }
         assert_eq!(refused.exit, Exit::Config);
