@@ -186,8 +186,9 @@ fn apply_gains(
     // The ticks of the time of the search were overwritten.
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
+    // Gains for other settings are not proposed.
+    require_unchanged(present_settings(bus), settings)?;
     let ready = |hover: &ObservedHover| {
-        require_unchanged(present_settings(bus), settings)?;
         let course = requests::present_course(bus)?;
         require_at_end(&course, hover.is_at_rest(), &paths.flags())
     };
@@ -202,6 +203,7 @@ fn apply_gains(
             return Err(failure);
         }
     };
+    require_unchanged(present_settings(bus), settings)?;
     // Before the request: an interrupt during it must name the undo.
     ARE_CHANGED.store(true, Ordering::Relaxed);
     ask(bus, CtlRequest::Set, &assignments(tuned))
