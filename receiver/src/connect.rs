@@ -31,7 +31,7 @@ pub fn connect(link: &CameraLink) -> Result<CameraConnection, ConnectError> {
 /// Opens the connection of `link` to a server that has all wanted bodies.
 ///
 /// # Errors
-/// As [`connect`], and the first wanted body that is not there, or that is there twice.
+/// The host is unknown, no server answers or it refuses, or a wanted body is not there, or is there twice.
 pub fn connect_to_all(link: &CameraLink) -> Result<CameraConnection, ConnectError> {
     let mut connection = connect(link)?;
     let address = format!("{}:{}", link.host, link.port);
