@@ -8,7 +8,7 @@ use clap::Args;
 use oqtal_bus::message::EventV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Role, Sample};
-use oqtal_config::{Config, read_waypoints};
+use oqtal_config::Config;
 use oqtal_observe::instance_observer::InstanceObserver;
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::law_query::{NoAnswer, changed_before};
@@ -105,10 +105,6 @@ impl RecordArgs {
                 Err(error) if numbered.is_some() && error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(failed(&path, &error)),
                 Ok(recorder) => {
-                    let file = config.trajectory.waypoints_file.as_deref();
-                    if let Some(Err(error)) = file.map(waypoints) {
-                        complain(&format!("{error}: a replay of this recording needs it"));
-                    }
                     say(&format!("oqtal: recording into {}; Ctrl-C ends", path.display()));
                     return Ok(recorder);
                 }
@@ -261,9 +257,4 @@ fn next_free(directory: &Path, instance: &str) -> Result<PathBuf, Failure> {
 fn failed(path: &Path, error: &std::io::Error) -> Failure {
     let message = format!("{}: {error}; give another file with --out", path.display());
     Failure::new(Exit::System, message)
-}
-
-/// The waypoint file at `path`; the reason, with its name, if it cannot be read.
-fn waypoints(path: &Path) -> Result<String, String> {
-    read_waypoints(path).map_err(|error| format!("{}: {error}", path.display()))
 }

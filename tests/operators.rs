@@ -12,6 +12,12 @@ fn ctl(testbed: &Testbed, words: &[&str]) -> Output {
     testbed.oqtal(&[&["ctl"], words].concat()).output().unwrap()
 }
 
+/// Both outputs of `oqtal ctl` with these arguments.
+fn said(testbed: &Testbed, words: &[&str]) -> String {
+    let answer = ctl(testbed, words);
+    String::from_utf8_lossy(&answer.stdout).into_owned() + &stderr(&answer)
+}
+
 #[test]
 fn of_two_operators_who_set_the_same_keys_at_once_one_wins_as_a_whole() {
     let testbed = Testbed::new("two-set");
@@ -61,10 +67,7 @@ fn hints_name_a_file_that_was_edited_after_the_daemon_had_read_it() {
     let testbed = Testbed::new("edited-file");
     let file = testbed.write("my.toml", "[position]\ntilt-limit-deg = 14.0\n");
     let name = file.display().to_string();
-    let said = |words: &[&str]| {
-        let answer = ctl(&testbed, words);
-        String::from_utf8_lossy(&answer.stdout).into_owned() + &stderr(&answer)
-    };
+    let said = |words: &[&str]| said(&testbed, words);
     let start = |process| testbed.start(&[process, "run", "--config", &name]);
     let [_plant, _cameras, daemon] = ["plant-sim", "mocap-emu", "daemon"].map(start);
     testbed.wait_for_daemon();
@@ -132,10 +135,7 @@ fn an_edited_waypoint_file_is_named_refused_for_an_expected_configuration_and_re
     let file = testbed
         .write("my.toml", "[trajectory]\nkind = \"waypoints\"\nwaypoints-file = \"path.csv\"\n");
     let (name, path) = (file.display().to_string(), path.display().to_string());
-    let said = |words: &[&str]| {
-        let answer = ctl(&testbed, words);
-        String::from_utf8_lossy(&answer.stdout).into_owned() + &stderr(&answer)
-    };
+    let said = |words: &[&str]| said(&testbed, words);
     let start = |process| testbed.start(&[process, "run", "--config", &name]);
     let [_plant, _cameras, daemon] = ["plant-sim", "mocap-emu", "daemon"].map(start);
     testbed.wait_for_daemon();

@@ -148,7 +148,7 @@ impl Mavlink {
 }
 
 /// Encoder of the bridge's own packets and check of received ones, where Unix time is `unix_us` \[us\]. Without a configured key, packets
-/// are not signed, and there is no check.
+/// are neither signed nor checked.
 ///
 /// # Errors
 /// The key cannot be used.

@@ -361,12 +361,9 @@ impl LiveSettings {
             (Some(_), Some(points)) => {
                 Ok(ReadSettings { config, waypoints: Some(points.clone()), ..present })
             }
-            (Some(file), None) => {
-                require_regular_file(file)?;
+            _ => {
+                file.iter().try_for_each(|file| require_regular_file(file))?;
                 Ok(ReadSettings { reread: present.reread, ..ReadSettings::reading(config)? })
-            }
-            (None, _) => {
-                Ok(ReadSettings { reread: present.reread, ..ReadSettings::along(config, None) })
             }
         }
     }

@@ -38,7 +38,7 @@ pub struct RecordingPlan<'a> {
     pub provenance: Provenance,
     /// Whether further files are started after the size and duration of `[record]`.
     pub rotates: bool,
-    /// Reports, once, that writing has failed.
+    /// Reports that a file cannot be attached, and, once, that writing has failed.
     pub complain: fn(&str),
 }
 
@@ -95,7 +95,13 @@ impl McapRecorder {
             complain: *complain,
         };
         let file = config.trajectory.waypoints_file.clone();
-        let waypoints = file.map(|file| (file.clone(), read_waypoints(&file).ok()));
+        let waypoints = file.map(|file| {
+            let told = |error: &_| {
+                complain(&format!("{}: {error}: a replay needs this file", file.display()));
+            };
+            let text = read_waypoints(&file).inspect_err(told).ok();
+            (file, text)
+        });
         let text = waypoints.as_ref().and_then(|(_, text)| text.clone());
         let preamble = preamble(config, *provenance, wall_offset, text);
         Ok(Self {
