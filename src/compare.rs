@@ -33,13 +33,16 @@ impl CompareArgs {
     /// A file is not a recording (exit code 65) or of another version (76), there are too many (64), or the page cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
         if self.files.len() > MOST_FLIGHTS {
-            let message = format!("at most {MOST_FLIGHTS} recordings can be compared");
+            let message = format!(
+                "at most {MOST_FLIGHTS} recordings can be compared; `oqtal info DIRECTORY` lists all flights"
+            );
             return Err(Failure::new(Exit::Usage, message));
         }
         let out = self.out.as_ref().map(|out| recordings::page_path(out, PAGE)).transpose()?;
         let mut flights = Vec::new();
         for path in &self.files {
             let flown = recordings::read_flight(path)?;
+            recordings::require_one(path, &flown)?;
             if let Some(reason) = flown.reservation() {
                 say(&format!("oqtal: warning: {}: {reason}", path.display()));
             }

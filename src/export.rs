@@ -17,7 +17,7 @@ use crate::recordings::{self, failure};
 /// Arguments of `oqtal export`.
 #[derive(Args, Debug)]
 pub struct ExportArgs {
-    /// The recording: a file, the directory of a flight, or `latest`
+    /// The recording: a file, one of its flights as FILE#NUMBER, the directory of a flight, or `latest`
     #[arg(value_parser = recording_path)]
     file: PathBuf,
     /// Format of the files
@@ -143,7 +143,7 @@ impl ExportArgs {
 
     fn directory(&self) -> PathBuf {
         let named = || {
-            let stem = self.file.with_extension("");
+            let stem = recordings::stem(&self.file);
             PathBuf::from(format!("{}-{}", stem.display(), self.format.extension()))
         };
         self.out.clone().unwrap_or_else(named)

@@ -9,12 +9,12 @@ use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
-/// Reads the recording at `path`, and reports if it was cut off.
+/// Reads the recording at `path`, or one of its flights, `FILE#NUMBER`, and reports if it was cut off.
 ///
 /// # Errors
 /// The file cannot be read or is not a recording (exit code 65), or was recorded by another version (76).
 pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
-    let file = RecordingFile::read(path).map_err(failure)?;
+    let file = recording::read(path).map_err(failure)?;
     if let Some(reason) = &file.cut_off {
         let messages = file.messages.len();
         say(&format!(
@@ -41,10 +41,38 @@ pub fn read_flight(path: &Path) -> Result<Flight, Failure> {
     Ok(flight)
 }
 
+/// `path` without extension, with the number of the flight that it names: names of results.
+pub fn stem(path: &Path) -> PathBuf {
+    let (file, number) = recording::numbered(path);
+    let name = file.file_stem().unwrap_or_default().to_string_lossy();
+    match number {
+        Some(number) => file.with_file_name(format!("{name}-{number}")),
+        None => file.with_extension(""),
+    }
+}
+
+/// Requires that the recording at `path`, of `flight`, has at most one flight.
+///
+/// # Errors
+/// It has several (exit code 64).
+pub fn require_one(path: &Path, flight: &Flight) -> Result<(), Failure> {
+    let count = if flight.is_observation() { 0 } else { flight.flights().count() };
+    if count < 2 {
+        return Ok(());
+    }
+    let file = path.display();
+    let message = format!(
+        "{file} has {count} flights: `oqtal info {file}` lists them, `{file}#1` to `{file}#{count}` name each of them"
+    );
+    Err(Failure::new(Exit::Usage, message))
+}
+
 /// The failure of a command for an error of a recording.
 pub fn failure(error: RecordingFileError) -> Failure {
     let exit = match error {
-        RecordingFileError::Io { .. } | RecordingFileError::Foreign { .. } => Exit::Data,
+        RecordingFileError::Io { .. }
+        | RecordingFileError::Foreign { .. }
+        | RecordingFileError::NoFlight { .. } => Exit::Data,
         RecordingFileError::Version { .. } => Exit::Version,
     };
     Failure::new(exit, error.to_string())

@@ -16,7 +16,7 @@ use crate::recordings;
 /// Arguments of `oqtal report`.
 #[derive(Args, Debug)]
 pub struct ReportArgs {
-    /// The recording: a file, the directory of a flight, or `latest`
+    /// The recording: a file, one of its flights as FILE#NUMBER, the directory of a flight, or `latest`
     #[arg(value_parser = recording_path)]
     file: PathBuf,
     /// The page, or its directory; only a page of oqtal is replaced [default: report.html of the flight, or FILE with .html in place
@@ -32,11 +32,12 @@ impl ReportArgs {
     /// Prints the figures of the flight and writes the page, like `oqtal fly`.
     ///
     /// # Errors
-    /// The file is not a recording (exit code 65) or of another version (76), or the page cannot be written.
+    /// The file is not a recording (exit code 65), of another version (76) or of several flights (64), or the page cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let path = recordings::page_path(&self.page(), REPORT)?;
         self.check_directory(&path)?;
         let flight = recordings::read_flight(&self.file)?;
+        recordings::require_one(&self.file, &flight)?;
         let summary = Summary::of(&flight);
         print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
         recordings::write(&path, report::html(&flight, &summary))?;
@@ -67,7 +68,7 @@ impl ReportArgs {
         let is_of_flight = self.file.file_name().is_some_and(|name| name == RECORDING);
         let default = || match is_of_flight {
             true => self.file.with_file_name(REPORT),
-            false => self.file.with_extension("html"),
+            false => recordings::stem(&self.file).with_added_extension("html"),
         };
         self.out.clone().unwrap_or_else(default)
     }

@@ -43,6 +43,39 @@ fn f14_a_killed_daemon_ends_the_flight_with_a_clear_message_and_no_remains() {
 }
 
 #[test]
+fn f14_a_daemon_after_one_that_ended_in_flight_is_in_stop_until_an_operator_arms() {
+    let testbed = Testbed::new("ended");
+    let bus = testbed.bus();
+    let [_plant, _cameras, mut daemon] = testbed.services();
+    let status = || json(&testbed.oqtal(&["ctl", "status", "--json"]).output().unwrap());
+    let ended = "the daemon before this one ended in flight";
+    for end in [Signal::KILL, Signal::TERM] {
+        testbed.take_off(&bus);
+        daemon.signal(end);
+        daemon.wait();
+        // The second one knows it, too.
+        for _ in 0..2 {
+            daemon = testbed.start(&["daemon", "run"]);
+            testbed.wait_for_daemon();
+            let status = status();
+            assert_eq!((&status["state"], &status["cause"]), (&"Stop".into(), &ended.into()));
+            daemon.signal(Signal::TERM);
+            daemon.wait();
+        }
+        daemon = testbed.start(&["daemon", "run"]);
+    }
+    testbed.take_off(&bus);
+    assert!(testbed.oqtal(&["ctl", "land"]).status().unwrap().success());
+    wait_for("the end of the landing", || (status()["mode"] == "disarmed").then_some(()));
+    daemon.signal(Signal::TERM);
+    daemon.wait();
+    daemon = testbed.start(&["daemon", "run"]);
+    testbed.wait_for_daemon();
+    assert_ne!(status()["cause"], ended);
+    drop(daemon);
+}
+
+#[test]
 fn f17_a_killed_plant_ends_the_flight_too() {
     let testbed = Testbed::new("kill-plant");
     let (flight, bus, daemon, plant) = airborne(&testbed);

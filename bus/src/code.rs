@@ -69,6 +69,11 @@ code! {
 }
 
 impl Mode {
+    /// Whether motors are commanded to run.
+    pub fn commands_motors(self) -> bool {
+        matches!(self, Self::Flying | Self::Landing)
+    }
+
     /// Whether a mission is active, flown or only observed.
     pub fn is_armed(self) -> bool {
         matches!(self, Self::Flying | Self::Landing | Self::Observing)

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 pub enum BusError {
     /// Another writer holds the topic.
     #[error(
-        "topic `{topic}` of instance `{instance}` is held by {holder}; end that process first, or use another --instance"
+        "topic `{topic}` of instance `{instance}` is held by {holder}; a vehicle in flight falls if that process is ended: land it first, or use another --instance"
     )]
     Held {
         /// The topic.

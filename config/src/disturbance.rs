@@ -142,6 +142,8 @@ mod tests {
         }
         let bare: TimedDisturbance = "force@1e1=0, -0.5 ,2".parse().unwrap();
         assert_eq!(bare.to_string(), "force@10=0,-0.5,2N");
+        let with_units: TimedDisturbance = "mass@5s+0.5s=0.05kg".parse().unwrap();
+        assert_eq!(with_units.to_string(), "mass@5+0.5=0.05kg");
         assert_eq!((bare.at_s, bare.end_s()), (10.0, f64::INFINITY));
     }
 

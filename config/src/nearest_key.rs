@@ -10,14 +10,17 @@ const SIMILAR: f64 = 0.7;
 
 /// `reason` for which `setting` was refused; for an unknown key, with the key of the file `shipped` that was probably meant.
 pub(crate) fn with_nearest_key(setting: &Setting, reason: String, shipped: &str) -> String {
+    let is_variable = setting.origin.starts_with("OQTAL_");
     if let Some(inner) = first_of_section(&setting.key, shipped) {
-        return format!("a section; set its keys one by one, as `{}.{inner}`", setting.key);
+        let key = format!("{}.{inner}", setting.key);
+        let key = if is_variable { variable(&key) } else { key };
+        return format!("a section; set its keys one by one, as `{key}`");
     }
     if !reason.starts_with("unknown key") {
         return reason;
     }
     match nearest(&setting.key, shipped) {
-        Some(known) if setting.origin.starts_with("OQTAL_") => {
+        Some(known) if is_variable => {
             format!("unknown key; did you mean the variable {}?", variable(&known))
         }
         Some(known) => format!("unknown key; did you mean `{known}`?"),
@@ -112,6 +115,8 @@ mod tests {
         };
         let text = told("vehicle-mass-kg", "OQTAL_VEHICLE_MASS_KG", "unknown key `x`");
         assert!(text.ends_with("the variable OQTAL_VEHICLE__MASS_KG?"), "{text}");
+        let text = told("instance", "OQTAL_INSTANCE", "not a table");
+        assert!(text.contains("as `OQTAL_INSTANCE__"), "{text}");
         assert_eq!(told("vehicle.mass-kg", "--set", "not a number"), "not a number");
     }
 }

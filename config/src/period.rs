@@ -32,8 +32,10 @@ impl Period {
     }
 }
 
+/// A time with or without the unit s \[s\].
 fn seconds(text: &str) -> Option<f64> {
-    text.parse().ok().filter(|seconds| (0.0..=LONGEST_S).contains(seconds))
+    let number = text.strip_suffix('s').unwrap_or(text);
+    number.parse().ok().filter(|seconds| (0.0..=LONGEST_S).contains(seconds))
 }
 
 impl fmt::Display for Period {

@@ -363,9 +363,11 @@ impl Cycle {
         Condition { refusal: course.setpoint().refusal, ..condition }
     }
 
-    /// Cancels the automatic flight at start-up: only an operator may begin the next flight.
-    pub fn cancel_automatic(&mut self) {
-        self.supervision.requests_mut().cancel_automatic();
+    /// Cancels the automatic flight at start-up: only an operator may begin the next one; in Stop, if a daemon `ended_in_flight` before.
+    pub fn cancel_automatic(&mut self, ended_in_flight: bool) {
+        let requests = self.supervision.requests_mut();
+        requests.cancel_automatic();
+        requests.ended_in_flight = ended_in_flight;
     }
 
     /// Whether only an operator's `arm` may begin the next flight.

@@ -1,5 +1,7 @@
-//! Flight marker of a daemon's run: set while the daemon may take off automatically, and left set by an end without good order.
+//! Flight markers of a daemon's run, left set by an end without good order: one while the daemon may take off automatically, one during
+//! each flight.
 
+use oqtal_bus::code::Cause;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_config::SafetyOptions;
 use oqtal_runtime::flight_marker::FlightMarker;
@@ -11,21 +13,29 @@ use crate::cycle::Cycle;
 pub(crate) struct RunMarker {
     marker: FlightMarker,
     is_observer: bool,
-    /// Whether the marker cancels an automatic flight.
+    /// Whether an automatic flight is cancelled.
     pub(crate) stays: bool,
+    /// Cause of the Stop in which the daemon begins.
+    pub(crate) cause: Cause,
 }
 
 impl RunMarker {
     /// Claims the marker of the instance at `paths` if a flight at start-up is configured, and cancels that flight of `cycle` if the marker
-    /// was set.
-    pub(crate) fn begin(paths: &InstancePaths, safety: &SafetyOptions, cycle: &mut Cycle) -> Self {
+    /// was set, or if the daemon before ended in flight: then this one begins in Stop. The command that starts a child reports that end.
+    pub(crate) fn begin(
+        paths: &InstancePaths,
+        safety: &SafetyOptions,
+        (cycle, is_child): (&mut Cycle, bool),
+    ) -> Self {
         let (marker, is_observer) = (FlightMarker::of(paths), safety.observe_only);
         let was_set = marker.is_set();
-        let stays = safety.arm_at_start && !is_observer && !marker.claim();
+        let has_fallen = !is_child && !is_observer && FlightMarker::in_flight(paths).is_set();
+        let stays = (safety.arm_at_start && !is_observer && !marker.claim()) || has_fallen;
         if was_set || stays {
-            cycle.cancel_automatic();
+            cycle.cancel_automatic(has_fallen);
         }
-        Self { marker, is_observer, stays }
+        let cause = if has_fallen { Cause::EndedInFlight } else { Cause::None };
+        Self { marker, is_observer, stays, cause }
     }
 
     /// Removes the marker at an end `in_order`, unless the daemon `awaits_arm`, and sets it otherwise; also for a stop that was raised while
@@ -65,16 +75,35 @@ mod tests {
         let begin = || {
             let path = trajectory(&config).unwrap();
             let mut cycle = Cycle::new(&config, path, Time::VIRTUAL_START).unwrap();
-            RunMarker::begin(&paths, &config.safety, &mut cycle)
+            let run = RunMarker::begin(&paths, &config.safety, (&mut cycle, false));
+            (run, cycle)
         };
         let is_set = || FlightMarker::of(&paths).is_set();
-        let run = begin();
+        let (run, _) = begin();
         assert!(is_set() && !run.stays);
         run.end(true, || false);
         assert!(!is_set(), "an end in good order");
-        let run = begin();
+        let (run, _) = begin();
         // Raised once the marker is removed.
         run.end(true, || !is_set());
-        assert!(is_set() && begin().stays);
+        assert!(is_set() && begin().0.stays);
+    }
+
+    #[test]
+    fn after_a_daemon_that_ended_in_flight_the_next_one_begins_in_stop() {
+        let directory = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("fallen", Some(directory.path())).unwrap();
+        FlightMarker::in_flight(&paths).ensure_set().unwrap();
+        let config = Config::default();
+        let cycle = || {
+            let path = trajectory(&config).unwrap();
+            Cycle::new(&config, path, Time::VIRTUAL_START).unwrap()
+        };
+        for (is_child, cause) in [(false, Cause::EndedInFlight), (true, Cause::None)] {
+            let mut cycle = cycle();
+            let run = RunMarker::begin(&paths, &config.safety, (&mut cycle, is_child));
+            assert_eq!((run.cause, run.stays), (cause, !is_child));
+            assert_eq!(cycle.awaits_arm(), !is_child);
+        }
     }
 }

@@ -1,15 +1,15 @@
 //! Records of the inputs of the loop, for topic `input`: with them a replay executes the same turns again.
 
-use oqtal_bus::code::{InputKind, OperatorCommand};
+use oqtal_bus::code::{Cause, InputKind, OperatorCommand};
 use oqtal_bus::message::{ControlResponseV1, Header, InputV1, PoseV1, ReferenceV1, VehicleV1};
 use oqtal_bus::time::Time;
 
-/// The record of the start of the daemon: `stays` if the automatic flight at start-up was cancelled, `expects_flight` if the command
-/// that started the daemon will request one.
-pub fn start(now: Time, stays: bool, expects_flight: bool) -> InputV1 {
-    let kind = InputKind::Start.code();
+/// The record of the start of the daemon: `stays` if the automatic flight at start-up was cancelled, with the cause of the Stop in which
+/// the daemon begins, `expects_flight` if the command that started the daemon will request one.
+pub fn start(now: Time, (stays, cause): (bool, Cause), expects_flight: bool) -> InputV1 {
+    let (kind, stays, cause) = (InputKind::Start.code(), u8::from(stays), cause.code());
     let request = if expects_flight { OperatorCommand::Fly.code() } else { 0 };
-    InputV1 { time: now, kind, request, stays: u8::from(stays), ..InputV1::default() }
+    InputV1 { time: now, kind, request, stays, cause, ..InputV1::default() }
 }
 
 /// The record of a turn and of the samples taken in it, before its tick.

@@ -193,12 +193,12 @@ pub fn run_behind(
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let safety = &context.config.safety;
-            let marker = RunMarker::begin(bus.paths(), safety, &mut cycle);
+            let marker = RunMarker::begin(bus.paths(), safety, (&mut cycle, context.is_child));
             let expects_flight = context.is_child && !safety.observe_only;
             if expects_flight {
                 cycle.expect_flight();
             }
-            ports.announce_start(started_at, marker.stays, expects_flight)?;
+            ports.announce_start(started_at, (marker.stays, marker.cause), expects_flight)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
             let mut turn = Consecutive(before, faulty.turn(FaultTarget::Daemon, turn));

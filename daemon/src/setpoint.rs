@@ -159,7 +159,11 @@ pub(crate) fn require(
 pub(crate) fn turns_round(last: &Reference, next: &Reference) -> bool {
     match (&last.attitude, &next.attitude) {
         (Some(last), Some(next)) => last.attitude.angle_to(&next.attitude) > LARGEST_TURN_RAD,
-        (None, None) => shorter_turn(next.yaw_rad - last.yaw_rad).abs() > LARGEST_TURN_RAD,
+        (None, None) => {
+            let turn_rad = next.yaw_rad - last.yaw_rad;
+            // The shorter way, which costs more, is not longer.
+            turn_rad.abs() > LARGEST_TURN_RAD && shorter_turn(turn_rad).abs() > LARGEST_TURN_RAD
+        }
         _ => false,
     }
 }

@@ -37,6 +37,8 @@ pub struct SafetyConditions {
     pub control_taken: bool,
     /// An operator requested a stop.
     pub operator_stops: bool,
+    /// The daemon begins after one that ended in flight.
+    pub ended_in_flight: bool,
     /// An operator requested a flight.
     pub operator_arms: bool,
     /// A flight is active.
@@ -77,12 +79,13 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 41] = {
+pub const LIMITS: [SafetyRow; 42] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
         // Motors off, latched.
         Row { id: "F33", cause: Some(Cause::Operator), when: |c| c.operator_stops, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F14", cause: Some(Cause::EndedInFlight), when: |c| c.ended_in_flight, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F15", cause: Some(Cause::Overrun), when: |c| c.limits.stood_still, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F02", cause: None, when: |c| c.blind_too_long && !c.may_descend, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F57", cause: Some(Cause::ControlTaken), when: |c| c.control_taken, after_ms: 0, action: Stop, ends: Armed },
@@ -184,6 +187,13 @@ impl Supervisor {
             };
         }
         self.state()
+    }
+
+    /// Renews the cause for which poses are missing, on the ground: there it may change while the state lasts.
+    pub fn renew_cause(&mut self, pose_cause: Cause) {
+        if self.state() == Coast && self.lead.is_some_and(|lead| LIMITS[lead].cause.is_none()) {
+            self.cause = pose_cause;
+        }
     }
 
     /// The present state.

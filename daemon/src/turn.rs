@@ -1,6 +1,6 @@
 //! One turn of the daemon over its ports: take the pose, compute, publish the command; telemetry and status afterwards.
 
-use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand};
+use oqtal_bus::code::{Actuation, Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{
     CommandV1, ControlResponseV1, ExternalV1, Header, InputV1, PoseV1, ReferenceV1, Stamps,
@@ -133,18 +133,18 @@ impl<T: Transport> DaemonPorts<T> {
         Ok(())
     }
 
-    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled, `expects_flight` if the
-    /// command that started the daemon will request one.
+    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled, with the cause of the Stop in
+    /// which the daemon begins, `expects_flight` if the command that started the daemon will request one.
     ///
     /// # Errors
     /// The transport failed.
     pub fn announce_start(
         &mut self,
         now: Time,
-        stays: bool,
+        (stays, cause): (bool, Cause),
         expects_flight: bool,
     ) -> Result<(), BusError> {
-        let record = input_record::start(now, stays, expects_flight);
+        let record = input_record::start(now, (stays, cause), expects_flight);
         self.inputs.send(0, Stamps::default(), record).map(drop)
     }
 }

@@ -181,7 +181,7 @@ impl ReplayBench {
         let mut cycle = Cycle::new(config, trajectory, start.input.time)
             .map_err(|error| config.locate(&error))?;
         if start.input.stays == 1 {
-            cycle.cancel_automatic();
+            cycle.cancel_automatic(start.input.cause == Cause::EndedInFlight.code());
         }
         if start.input.request == OperatorCommand::Fly.code() {
             cycle.expect_flight();

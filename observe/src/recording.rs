@@ -20,6 +20,7 @@
 //! | `writer.rs` | one MCAP file |
 //! | `file.rs` | reading of a recording |
 //! | `location.rs` | names of recordings on the command line |
+//! | `session.rs` | recordings of several flights |
 //! | `playback.rs` | a recording as samples for a sink, and as a flight |
 //! | `history.rs` | inputs of the daemon, turn by turn |
 //! | `cell.rs` | messages as rows of typed cells |
@@ -42,6 +43,7 @@ mod overview;
 mod playback;
 mod scene;
 mod schema;
+mod session;
 mod sink;
 #[cfg(test)]
 mod tests;
@@ -57,5 +59,6 @@ pub use history::{DaemonHistory, InputHistory, RecordedTurn};
 pub use location::{RECORDING, SUMMARY, recording_path};
 pub use overview::{RecordingOverview, TopicOverview};
 pub use playback::{config, flight, play};
+pub use session::{ListedFlight, list, numbered, read};
 pub use sink::{McapRecorder, RecordingPlan};
 pub use thread::RecordingResult;

@@ -14,7 +14,7 @@ impl Flight {
         let flights = if self.is_observation() { 0 } else { self.flights().count() };
         let several = (flights > 1).then(|| {
             format!(
-                "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; record each into a file of its own"
+                "{flights} flights in one recording: the figures are those of all, the outcome is that of the first to end; FILE#NUMBER names one of them"
             )
         });
         let reasons: Vec<String> = several.into_iter().chain(self.record_flaws()).collect();

@@ -131,10 +131,13 @@ impl Flight {
             Outcome::Stopped => return format!("{stopped} ({})", self.stop_cause()),
             _ => {}
         }
-        let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
-        match ArmingObstacles::from_bits(bits) {
-            unknown if unknown.is_empty() => "no take-off: the daemon gives no reason".to_owned(),
-            reasons => format!("no take-off: {reasons}"),
+        let last = self.samples.last().map(|sample| &sample.telemetry);
+        let reasons = ArmingObstacles::from_bits(last.map_or(0, |last| last.obstacles));
+        let cause = last.and_then(|last| Cause::from_code(last.cause)).unwrap_or(Cause::None);
+        match (reasons.is_empty(), cause) {
+            (true, _) => "no take-off: the daemon gives no reason".to_owned(),
+            (false, Cause::None) => format!("no take-off: {reasons}"),
+            (false, cause) => format!("no take-off: {reasons} ({cause})"),
         }
     }
 

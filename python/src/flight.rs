@@ -192,11 +192,11 @@ fn checked((flight, recording): RecordedFlight) -> Result<Flight, Failure> {
     }
 }
 
-/// Reads the flight of a recording.
+/// Reads the flight of a recording, or one of several, `FILE#NUMBER`.
 #[pyfunction]
 fn read(py: Python<'_>, path: PathBuf) -> PyResult<PyFlight> {
     task::detached(py, || {
-        let file = RecordingFile::read(&path).map_err(unreadable)?;
+        let file = recording::read(&path).map_err(unreadable)?;
         let flight = recording::flight(&file).map_err(unreadable)?;
         if flight.samples.is_empty() {
             let message = format!("{} has no tick of a daemon: nothing to show", path.display());
@@ -208,7 +208,9 @@ fn read(py: Python<'_>, path: PathBuf) -> PyResult<PyFlight> {
 
 fn unreadable(error: RecordingFileError) -> Failure {
     let exit = match error {
-        RecordingFileError::Io { .. } | RecordingFileError::Foreign { .. } => Exit::Data,
+        RecordingFileError::Io { .. }
+        | RecordingFileError::Foreign { .. }
+        | RecordingFileError::NoFlight { .. } => Exit::Data,
         RecordingFileError::Version { .. } => Exit::Version,
     };
     Failure::new(exit, error.to_string())

@@ -21,7 +21,16 @@ pub struct FlightMarker {
 impl FlightMarker {
     /// The marker of the instance at `place`.
     pub fn of(place: &InstancePaths) -> Self {
-        let name = format!("{}.armed-at-start", place.instance);
+        Self::named(place, "armed-at-start")
+    }
+
+    /// The marker of a flight under way at `place`, which a daemon that ends in flight leaves to the next one.
+    pub fn in_flight(place: &InstancePaths) -> Self {
+        Self::named(place, "in-flight")
+    }
+
+    fn named(place: &InstancePaths, name: &str) -> Self {
+        let name = format!("{}.{name}", place.instance);
         Self { path: place.root.join(name), flags: place.flags() }
     }
 

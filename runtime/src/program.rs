@@ -10,6 +10,8 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use clap::Parser;
+use clap::error::{ContextKind, ContextValue};
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::obeying::subcommand;
 use serde::Serialize;
 
@@ -28,7 +30,7 @@ pub fn run<C: Parser>(execute: impl FnOnce(C) -> ExitCode) -> ExitCode {
     survive_size_limits();
     match C::try_parse() {
         Ok(command) => guarded(|| Ok(execute(command))).unwrap_or_else(|f| conclude("oqtal", &f)),
-        Err(error) => explain(&error),
+        Err(error) => explain(error),
     }
 }
 
@@ -139,7 +141,13 @@ pub fn beside(work: impl FnOnce() + Clone + Send + 'static) {
 }
 
 /// Prints help, version or a usage error, and returns its exit code.
-fn explain(error: &clap::Error) -> ExitCode {
+fn explain(mut error: clap::Error) -> ExitCode {
+    if let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand)
+        && is_request(word)
+    {
+        let tip = format!("requests to a running daemon follow `ctl`, as in `oqtal ctl {word}`");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
     // Ignored: standard output and error may be closed.
     let _ = error.print();
     if !error.use_stderr() {
@@ -147,6 +155,11 @@ fn explain(error: &clap::Error) -> ExitCode {
     }
     print_failure(&command_word(), Exit::Usage, error.to_string().trim_end());
     Exit::Usage.into()
+}
+
+/// Whether `word` is the name of a request to the daemon.
+fn is_request(word: &str) -> bool {
+    (0..=u8::MAX).filter_map(OperatorCommand::from_code).any(|it| it.to_string() == word)
 }
 
 /// The message of a panic.

@@ -36,7 +36,7 @@ pub struct FlightProgress {
 struct Obstruction {
     obstacles: ArmingObstacles,
     since: Time,
-    is_said: bool,
+    said: ArmingObstacles,
 }
 
 impl FlightProgress {
@@ -83,18 +83,17 @@ impl FlightProgress {
         ));
     }
 
-    /// Prints the obstacles to the take-off, once, after [`OBSTACLE_TIMEOUT`].
+    /// Prints the obstacles to the take-off, each of them once, after [`OBSTACLE_TIMEOUT`].
     fn report_obstacles(&self, telemetry: &TelemetryV1) {
         let obstacles = ArmingObstacles::from_bits(telemetry.obstacles);
-        let last = self.obstruction.get();
-        let is_same = last.obstacles == obstacles;
-        let since = if is_same { last.since } else { telemetry.time };
-        let is_long = !obstacles.is_empty() && telemetry.time.since(since) >= OBSTACLE_TIMEOUT;
-        let is_said = is_same && last.is_said;
-        if is_long && !is_said {
+        let Obstruction { obstacles: last, since, mut said } = self.obstruction.get();
+        let since = if last == obstacles { since } else { telemetry.time };
+        let is_long = telemetry.time.since(since) >= OBSTACLE_TIMEOUT;
+        if is_long && obstacles.iter().any(|obstacle| !said.contains(obstacle)) {
+            said = ArmingObstacles::from_bits(said.bits() | obstacles.bits());
             self.bar.suspend(|| say(&format!("oqtal: no take-off yet: {obstacles}")));
         }
-        self.obstruction.set(Obstruction { obstacles, since, is_said: is_said || is_long });
+        self.obstruction.set(Obstruction { obstacles, since, said });
     }
 
     /// Prints why the fallback law flies, at the first hand-over.

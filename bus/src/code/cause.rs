@@ -97,6 +97,8 @@ code! {
         NoBody = 48 => "no such body",
         /// In the health of a receiver: frames come without stamps by which they can be dated.
         NoStamps = 49 => "no usable stamps",
+        /// The daemon of the instance before this one ended while its vehicle flew.
+        EndedInFlight = 50 => "the daemon before this one ended in flight",
     }
 }
 

@@ -284,7 +284,7 @@ message! {
         request: u8 ["code"],
         /// [`crate::code::Answer`] to the request.
         answer: u8 ["code"],
-        /// [`crate::code::Cause`] of a refusal.
+        /// [`crate::code::Cause`] of a refusal; at the start, of the Stop in which the daemon begins.
         cause: u8 ["code"],
         /// 1 if the operator's stop was raised since the turn before.
         stop: u8 ["flag"],

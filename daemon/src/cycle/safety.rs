@@ -122,6 +122,9 @@ impl SafetyMonitor {
         let limits = self.limit_conditions(tick, intake, requests, course);
         let conditions = SafetyConditions { limits, ..self.conditions(tick, intake, requests) };
         let state = self.supervisor.step(tick.now, &conditions, intake.missing());
+        if !tick.is_armed {
+            self.supervisor.renew_cause(intake.missing());
+        }
         requests.awaits_arm |= state == SafetyState::Stop;
         if state <= SafetyState::Degraded && tick.is_fresh {
             self.last_nominal = Some(tick.now);
@@ -159,6 +162,7 @@ impl SafetyMonitor {
             motors_do_not_run: is_flying && vehicle.has_no_motors(now),
             control_taken: is_flying && vehicle.control_is_taken(),
             operator_stops: std::mem::take(&mut requests.stop),
+            ended_in_flight: std::mem::take(&mut requests.ended_in_flight),
             // No operator arms a recording: its state follows its poses.
             operator_arms: tick.is_requested || self.observe_only,
             is_flying,

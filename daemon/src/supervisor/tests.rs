@@ -17,6 +17,7 @@ const NOTHING: SafetyConditions = SafetyConditions {
     motors_do_not_run: false,
     control_taken: false,
     operator_stops: false,
+    ended_in_flight: false,
     operator_arms: false,
     is_flying: false,
     limits: NO_LIMITS,

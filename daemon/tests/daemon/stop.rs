@@ -90,7 +90,7 @@ fn a_daemon_awaits_an_arm_from_a_stop_until_the_next_flight_begins() {
     assert!(bench.state() == Some(SafetyState::Stop) && bench.cycle.awaits_arm());
     // A daemon that stays at its start, since one before it was stopped.
     let mut bench = arming_itself(1);
-    bench.cycle.cancel_automatic();
+    bench.cycle.cancel_automatic(false);
     show(&mut bench);
     assert!(bench.mode() == Some(Mode::Disarmed) && bench.cycle.awaits_arm());
 }

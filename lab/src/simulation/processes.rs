@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use oqtal_bus::code::{Answer, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::memory::{MemoryBus, MemoryWriter};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, EventV1, ReferenceV1, Stamps};
@@ -192,7 +192,7 @@ fn daemon<'l>(
     if config.control.is_external() {
         ports.open_exchange(&faulty)?;
     }
-    ports.announce_start(start, false, false)?;
+    ports.announce_start(start, (false, Cause::None), false)?;
     let turn = DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law };
     Ok(faulty.turn(FaultTarget::Daemon, turn))
 }

@@ -21,6 +21,11 @@ pub fn closing_facts(flight: &Flight) -> Facts {
     Facts::new(FLIGHT, known.into_iter().chain(daemon))
 }
 
+/// Removes these facts from `file`.
+pub(super) fn remove(file: &mut RecordingFile) {
+    file.facts.remove(FLIGHT);
+}
+
 /// The same facts as read from a recording; each is `None` if the recording does not contain it, as a truncated one.
 #[derive(Clone, Debug)]
 pub struct ClosingFacts {

@@ -32,6 +32,14 @@ pub enum RecordingFileError {
         /// Part that is missing or wrong.
         reason: String,
     },
+    /// The recording has no flight of the number that was named.
+    #[error("{path} has {flights} flights, numbered from 1; `oqtal info` lists them")]
+    NoFlight {
+        /// The file.
+        path: PathBuf,
+        /// Number of its flights \[-\].
+        flights: usize,
+    },
     /// The recording was made by a version with other message definitions.
     #[error(
         "{path} was recorded by oqtal {version} ({revision}), whose {what} differs from this version's; use that version"

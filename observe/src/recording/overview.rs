@@ -121,7 +121,7 @@ fn seconds(from_ns: u64, to_ns: u64) -> f64 {
 }
 
 /// An instant of the wall clock as `YYYY-MM-DD hh:mm:ss UTC`.
-fn utc(nanos: u64) -> String {
+pub(super) fn utc(nanos: u64) -> String {
     let total = nanos / 1_000_000_000;
     let (days, second) = (total / 86_400, total % 86_400);
     // Days to civil date: an era has 400 years, and a year begins in March (Howard Hinnant's algorithm).

@@ -11,9 +11,9 @@ use oqtal_config::{ClockKind, Config};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
-use super::mcap::Opcode;
 use super::mcap::decode::Cursor;
 use super::mcap::encode::Fields;
+use super::mcap::{MAGIC, Opcode};
 use super::*;
 use crate::flight::{Flight, Outcome};
 use crate::provenance::Provenance;
@@ -138,6 +138,43 @@ fn files_follow_each_other_without_a_gap() {
 }
 
 #[test]
+fn each_flight_of_a_recording_is_read_by_itself_with_the_settings_changed_before_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, mut recorder) = create(&directory, &configuration(), false);
+    let (command, text) = (OperatorCommand::Set.code(), LongText::new("control.controller=pid"));
+    // Periods of 16 ms; the second flight begins half a second after the first, the third long after the second.
+    let flights = [100..150, 180..200, 400..430];
+    for number in 1..=500_u64 {
+        let (reception, _) = pose(number);
+        let time = reception.received_at;
+        if number == 160 {
+            let change = EventV1 { number: 1, command, text, time, ..EventV1::default() };
+            recorder.sample(&reception, Sample::Event(&change));
+        }
+        recorder.sample(&reception, Sample::Truth(&TruthV1 { time, ..TruthV1::default() }));
+        let is_flying = flights.iter().any(|flight| flight.contains(&number));
+        let mode = if is_flying { Mode::Flying } else { Mode::Disarmed }.code();
+        let tick = TelemetryV1 { time, tick: number, mode, ..TelemetryV1::default() };
+        recorder.sample(&reception, Sample::Telemetry(&tick));
+    }
+    recorder.finish();
+    let whole = read(&path).unwrap();
+    assert_eq!(flight(&whole).unwrap().flights().count(), 3);
+    let listed = whole.flights().unwrap();
+    assert_eq!(listed.iter().map(|it| it.flight).collect::<Vec<_>>(), [1, 2, 3]);
+    let known = configuration().control.controller.name();
+    for (number, ticks, law) in [(1, 100..150, known), (2, 180..200, "pid"), (3, 400..430, "pid")] {
+        let one = read(&PathBuf::from(format!("{}#{number}", path.display()))).unwrap();
+        let flown = flight(&one).unwrap();
+        let armed: Vec<u64> = flown.armed().map(|sample| sample.telemetry.tick).collect();
+        assert_eq!(armed, ticks.collect::<Vec<u64>>());
+        assert_eq!(flown.config_at_arming().control.controller.name(), law);
+    }
+    let beyond = read(&PathBuf::from(format!("{}#4", path.display()))).unwrap_err();
+    assert!(beyond.to_string().contains("has 3 flights"), "{beyond}");
+}
+
+#[test]
 fn every_file_has_the_settings_that_were_changed_before_it() {
     let directory = tempfile::tempdir().unwrap();
     let mut config = configuration();
@@ -252,7 +289,8 @@ fn a_file_is_read_up_to_wherever_it_was_cut_off() {
     let (path, _) = record(&directory, &configuration(), false);
     let bytes = std::fs::read(&path).unwrap();
     let mut most = 0;
-    for length in (0..bytes.len()).step_by(997) {
+    // Nothing is missing without the magic bytes at the end.
+    for length in (0..bytes.len() - MAGIC.len()).step_by(997) {
         match RecordingFile::parse(&path, &bytes[..length]) {
             Ok(file) => {
                 let read = poses(&file);
