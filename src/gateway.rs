@@ -28,7 +28,7 @@ use oqtal_runtime::stop::StopFlag;
 
 use protocol::{Content, GatewayReply};
 use request::{Executor, RequestQueues};
-use socket::{GatewaySocket, Received, Sender, UnixGateway};
+use socket::{GatewaySocket, Incoming, Received, Sender, UnixGateway};
 use stream_holder::StreamHolder;
 use udp::{GatewayKey, UdpGateway};
 
@@ -38,6 +38,9 @@ use crate::daemon_config::daemon_config;
 const SOCKET: &str = "gateway.sock";
 /// Time after the loss of files for which programs can still reach the processes that land.
 const LONGEST_LOSS: Span = Span::from_millis(10_000);
+
+/// Time for which datagrams may have waited without being dated by it.
+const LONGEST_WAIT: Span = Span::from_millis(100);
 
 /// `oqtal gateway`.
 #[derive(Subcommand, Debug)]
@@ -118,13 +121,23 @@ impl Gateway<'_> {
     /// Files of the instance were lost, or the operating system refuses (exit code 71).
     fn run(mut self, socket: &dyn GatewaySocket, stop: &StopFlag) -> Result<(), Failure> {
         let mut datagram = vec![0; protocol::LONGEST_DATAGRAM + 1];
+        let mut empty_at = Time::now();
         while !stop.is_set() {
             self.require_files()?;
-            let Some(Received { content, sender }) = socket.receive(&mut datagram)? else {
-                continue;
-            };
-            if let Err((sender, reason)) = self.serve(&datagram[content], sender) {
-                socket.reply(&sender, &GatewayReply::refused(reason).to_json());
+            let now = Time::now();
+            match socket.receive(&mut datagram)? {
+                // A datagram that comes from now on was sent after this instant, however long the gateway is held up.
+                Incoming::Empty => {
+                    empty_at = now;
+                    socket.wait();
+                }
+                Incoming::Ignored => {}
+                Incoming::Datagram(Received { content, sender }) => {
+                    let served = self.serve(&datagram[content], sender, (empty_at, now));
+                    if let Err((sender, reason)) = served {
+                        socket.reply(&sender, &GatewayReply::refused(reason).to_json());
+                    }
+                }
             }
         }
         Ok(())
@@ -145,15 +158,22 @@ impl Gateway<'_> {
         Err(Failure::new(Exit::System, format!("{}: {reason}", directory.display())))
     }
 
-    /// Publishes a reference, or passes a request to the thread that replies; the sender and the reason of a refusal otherwise.
-    fn serve(&mut self, datagram: &[u8], sender: Sender) -> Result<(), (Sender, String)> {
-        let now = Time::now();
-        match protocol::parse(datagram, now) {
+    /// Publishes a reference, or passes a request to the thread that replies; the sender and the reason of a refusal otherwise. The
+    /// datagram was sent between the two instants.
+    fn serve(
+        &mut self,
+        datagram: &[u8],
+        sender: Sender,
+        (after, now): (Time, Time),
+    ) -> Result<(), (Sender, String)> {
+        // The present instant dates references more closely, unless they may have waited.
+        let dated = if now.since(after) > LONGEST_WAIT { after } else { now };
+        match protocol::parse(datagram, dated) {
             Ok(Content::Reference(reference)) => {
                 self.follow(*reference, &sender, now).map_err(|reason| (sender, reason))
             }
             Ok(Content::Request { command, arguments }) => {
-                self.requests.push((&command, arguments), sender, now)
+                self.requests.push((&command, arguments), sender, after)
             }
             Err(reason) => Err((sender, reason)),
         }

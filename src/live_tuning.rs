@@ -65,14 +65,16 @@ pub fn execute(args: &TuneArgs) -> Result<Exit, Failure> {
     let kept = files.with_config(&paths, &settings);
     let found = live::tune(identification, &kept, search, &Progress::default())?;
     files.write(&found.tuned)?;
-    let is_better = found.tuned.objective < found.tuned.start;
-    if is_better && *apply {
+    if found.tuned.objective >= found.tuned.start {
+        return Ok(Exit::Ok);
+    }
+    // Gains for other settings are not proposed.
+    require_unchanged(present_settings(&bus), &settings)?;
+    if *apply {
         return apply_gains(&found, (&bus, &config), &settings, *least_margin_ratio);
     }
-    if is_better {
-        let objection = objection(&found, *least_margin_ratio);
-        propose(&found.tuned, objection.as_deref(), &paths)?;
-    }
+    let objection = objection(&found, *least_margin_ratio);
+    propose(&found.tuned, objection.as_deref(), &paths)?;
     Ok(Exit::Ok)
 }
 
@@ -186,8 +188,6 @@ fn apply_gains(
     // The ticks of the time of the search were overwritten.
     let mut hover = ObservedHover::open(bus, config)?;
     hover.follow(FIRST_TICK_S, None)?;
-    // Gains for other settings are not proposed.
-    require_unchanged(present_settings(bus), settings)?;
     let ready = |hover: &ObservedHover| {
         let course = requests::present_course(bus)?;
         require_at_end(&course, hover.is_at_rest(), &paths.flags())

@@ -54,7 +54,7 @@ fn columns_without_a_meaning_are_left_out_and_the_rest_is_in_the_table() {
     for said in ["settled to 5 cm", "overshoot", "Riccati", "best"] {
         assert!(!text.contains(said), "{said} in\n{text}");
     }
-    assert!(text.contains("position [m]") && text.contains("doublet settled"), "{text}");
+    assert!(text.contains("mean position [m]") && text.contains("doublet settled"), "{text}");
 }
 
 /// A vehicle that is too heavy for its motors never takes off.

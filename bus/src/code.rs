@@ -141,6 +141,8 @@ code! {
         Ended = 12 => "the law ended",
         /// The vehicle needs an attitude, and all four numbers of it are zero.
         NoAttitude = 13 => "no attitude",
+        /// The command leads to a heading far from that of the reference, from which a fallback could not level the vehicle.
+        Heading = 14 => "leads to a heading far from the reference",
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! A command that is sent now acts until the next one does, or the one after it if that one is lost: it is held for two periods.
 //! Then the prediction turns the vehicle level, as the fallback law would, until the horizon, and on until it is level: a tilted
-//! vehicle gains speed. In all that time tilt, rate and speed must be within their limits, and from every point the vehicle must come
+//! vehicle gains speed. In all that time tilt, rate, speed and heading must be within their limits, and from every point the vehicle must come
 //! to rest inside the fence and above the floor: after the time in which it turns to the tilt that brakes, with part of the
 //! acceleration that the position loops command. This is a test of one step: the state after it is one from which the
 //! fallback recovers, so that the next tick may still refuse the law (L. Sha, *Using simplicity to control complexity*, IEEE
@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use oqtal_bus::code::HandoverCause;
 use oqtal_config::{Config, Interface};
 use oqtal_control::controller::ControllerName;
-use oqtal_control::euler::EulerAngles;
+use oqtal_control::euler::{EulerAngles, shorter_turn};
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{
     Bias, Integration, ModelInput, Motion, MotionTracker, Rotation, VehicleModel,
@@ -42,6 +42,8 @@ const REACTION_S: f64 = 0.1;
 const LEVEL_COSINE: f64 = 0.985;
 /// Longest prediction \[s\].
 const LONGEST_S: f64 = 1.0;
+/// Greatest turn from the reference \[rad\]: laws that turn about one axis to the reference lose the tilt over larger ones.
+const GREATEST_TURN_RAD: f64 = std::f64::consts::FRAC_PI_3;
 /// Least cosine of the tilt by which the thrust of a hover is divided \[-\].
 const LEAST_COSINE: f64 = 0.5;
 
@@ -76,6 +78,8 @@ pub struct Candidate<'a> {
     pub ahead: &'a Motion,
     /// The model and the bias of the prediction.
     pub tracker: &'a MotionTracker,
+    /// Heading of the reference \[rad\].
+    pub heading_rad: f64,
 }
 
 impl Envelope {
@@ -119,7 +123,7 @@ impl Envelope {
 
     /// Why `candidate` leads out of the envelope; [`HandoverCause::None`] if it does not.
     pub fn check(&self, candidate: &Candidate) -> HandoverCause {
-        let Candidate { command, ahead, tracker } = *candidate;
+        let Candidate { command, ahead, tracker, heading_rad } = *candidate;
         let [held_model, model] = [0.0, self.recovery_lag_s].map(|least_s| {
             let rotation = slowed(&tracker.model().rotation, least_s);
             VehicleModel { rotation, integration: Integration::Coarse, ..*tracker.model() }
@@ -130,7 +134,7 @@ impl Envelope {
         let (mut motion, mut t_s) = (*ahead, 0.0);
         loop {
             let upright = motion.attitude.to_world(&Vector3::z()).z;
-            let cause = self.outside(&motion, floor_m);
+            let cause = self.outside(&motion, (floor_m, heading_rad));
             let is_over = t_s >= self.horizon_s && upright >= LEVEL_COSINE || t_s >= LONGEST_S;
             if cause != HandoverCause::None || is_over {
                 return cause;
@@ -146,8 +150,10 @@ impl Envelope {
     }
 
     /// The limit that `motion` exceeds. Comparisons with NaN are false: a motion that is not finite is outside.
-    fn outside(&self, motion: &Motion, floor_m: f64) -> HandoverCause {
+    fn outside(&self, motion: &Motion, (floor_m, heading_rad): (f64, f64)) -> HandoverCause {
         let upright = motion.attitude.to_world(&Vector3::z()).z;
+        let yaw = EulerAngles::from_attitude(&motion.attitude).yaw;
+        let turn = shorter_turn(yaw - heading_rad).abs();
         let rest = self.rest(motion);
         let is_within = |value: f64, limit: f64| value <= limit;
         let limits = [
@@ -156,6 +162,7 @@ impl Envelope {
             (HandoverCause::Speed, is_within(motion.velocity.norm(), self.speed)),
             (HandoverCause::Fence, is_within(self.margin_m, self.fence.inside_m(&rest))),
             (HandoverCause::Floor, is_within(self.margin_m, rest.z - floor_m)),
+            (HandoverCause::Heading, is_within(turn, GREATEST_TURN_RAD)),
         ];
         let exceeded = limits.into_iter().find(|(_, is_kept)| !is_kept);
         exceeded.map_or(HandoverCause::None, |(cause, _)| cause)

@@ -36,6 +36,8 @@ pub struct GuardedTick<'a> {
     pub ahead: &'a Motion,
     /// The model of the prediction.
     pub tracker: &'a MotionTracker,
+    /// Heading of the reference \[rad\].
+    pub heading_rad: f64,
     /// The last command.
     pub last: &'a VehicleCommand,
     /// Time since the last tick \[s\].
@@ -265,8 +267,8 @@ impl LawGuard {
     }
 
     fn check(&self, tick: &GuardedTick, command: &VehicleCommand) -> HandoverCause {
-        let GuardedTick { ahead, tracker, .. } = *tick;
-        self.envelope.check(&Candidate { command, ahead, tracker })
+        let GuardedTick { ahead, tracker, heading_rad, .. } = *tick;
+        self.envelope.check(&Candidate { command, ahead, tracker, heading_rad })
     }
 }
 
@@ -299,12 +301,16 @@ fn trusted(started: &Config, next: &Config) -> Config {
 /// Note that the settings of `next` that differ from those of `present` do not change the fallback law; `None` if none is of it.
 pub(crate) fn note_on_fallback(present: &Config, next: &Config) -> Option<String> {
     let own = match next.control.of_fallback() {
-        Some(fallback) => format!("control.{}.", fallback.built_in().name()),
-        None if next.control.is_external() => "control.".to_owned(),
+        // It flies on the predictive stack.
+        Some(fallback) => {
+            vec![format!("control.{}.", fallback.built_in().name()), "control.predictive.".into()]
+        }
+        None if next.control.is_external() => vec!["control.".to_owned()],
         None => return None,
     };
     let changed = present.differences(next).unwrap_or_default();
-    changed.iter().any(|line| line.starts_with(&own)).then(|| {
+    let is_own = |line: &String| own.iter().any(|section| line.starts_with(section));
+    changed.iter().any(is_own).then(|| {
         "the fallback law keeps the gains of the daemon's start; a change of [control] reaches it when the daemon starts again"
             .to_owned()
     })

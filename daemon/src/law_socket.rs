@@ -17,7 +17,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::StopFlag;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-use rustix::net::{RecvFlags, SendFlags, UCred, recv, send};
+use rustix::net::{RecvFlags, SendFlags, Shutdown, UCred, recv, send, shutdown};
 
 use crate::external::{ExternalLaw, reason_of, without_answer};
 
@@ -89,6 +89,13 @@ impl SocketLaw {
         }
     }
 
+    /// Ends a connection that failed, for the second descriptor of the listener too: a law may have closed one direction alone.
+    fn disconnect(&mut self) {
+        if let Some(connection) = self.connection.take() {
+            let _ = shutdown(connection, Shutdown::Both);
+        }
+    }
+
     /// The answer to the question `sequence`, or a malformed packet, as soon as it arrives, with the instant of its receipt; at `until` the
     /// newest other answer, or `None`; the reason in place of an answer if the law ends first.
     fn receive(&mut self, sequence: u64, until: Time) -> Option<ExternalV1> {
@@ -107,7 +114,7 @@ impl SocketLaw {
                     None
                 }
                 Ok(_) | Err(_) => {
-                    self.connection = None;
+                    self.disconnect();
                     continue;
                 }
             };
@@ -140,7 +147,7 @@ impl ExternalLaw for SocketLaw {
         // A law that does not read leaves its buffer full: it gets no further question.
         match send(connection, &bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL) {
             Ok(_) | Err(Errno::AGAIN) => {}
-            Err(_) => self.connection = None,
+            Err(_) => self.disconnect(),
         }
         let until = if is_virtual { asked_at + self.virtual_timeout } else { state.answer_by };
         let answer = self.receive(state.sequence, until);
@@ -279,9 +286,13 @@ mod tests {
         assert_eq!(told(ask(&mut law, 9, 60_000)), Some(HandoverCause::Absent));
         listener.poll();
         assert!(!listener.has_law(), "its end was noticed");
-        let _third = connect(&path).unwrap();
+        let third = connect(&path).unwrap();
         listener.poll();
         assert_eq!(law.connections.len(), 1);
+        shutdown(&third, Shutdown::Read).unwrap();
+        assert_eq!(told(ask(&mut law, 10, 60_000)), Some(HandoverCause::Ended));
+        listener.poll();
+        assert!(!listener.has_law(), "it does not read any more");
         drop(listener);
         assert!(!path.exists());
     }

@@ -18,6 +18,7 @@ use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
+use crate::fence::require_braking;
 use crate::flight_room::{
     fitting_starts, require_flyable, require_flyable_in_flight, require_target,
 };
@@ -67,6 +68,7 @@ impl LiveControl {
     ) -> Result<Self, Failure> {
         let located = |error| Failure::from(next.locate(&error));
         require_flyable(next, &trajectory, None)?;
+        require_braking(present, next)?;
         let of_tracker = |config: &Config| {
             let model = CommandModel::new(config).map_err(located)?.model;
             Ok::<_, Failure>(motion_tracker(config, model))

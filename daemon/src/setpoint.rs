@@ -136,11 +136,11 @@ impl SetpointGuard {
     }
 }
 
-/// Requires that a turn from the present heading \[rad\] is at most [`MOST_TURN_DEG`].
-pub(crate) fn require_turn(turn_rad: f64) -> Result<(), SetpointRefusal> {
+/// Requires that `turn_rad` \[rad\], named `turn`, is at most [`MOST_TURN_DEG`].
+pub(crate) fn require_turn(turn: &'static str, turn_rad: f64) -> Result<(), SetpointRefusal> {
     let turn_deg = shorter_turn(turn_rad).abs().to_degrees();
     let limit = ("the greatest turn at once", MOST_TURN_DEG);
-    require(["turn from the present heading", "deg"], turn_deg, limit)
+    require([turn, "deg"], turn_deg, limit)
 }
 
 /// Requires that the `value` of `quantity` does not exceed the value of the key `limit`. NaN does.

@@ -30,6 +30,8 @@ const VELOCITY_MISMATCH: f64 = 2.0;
 const ACCELERATION_MISMATCH: f64 = 10.0;
 /// Limit of the jerk over that of the acceleration \[1/s\]: the limit of the acceleration is reached within a tenth of a second.
 const JERK_FACTOR: f64 = 10.0;
+/// Name of the turn from one reference to the next.
+const TURN: &str = "turn from the present heading";
 /// Refusal of a reference outside the room.
 const NO_ROOM: &str =
     "it leads outside the soft border of [fence], or less than 0.1 m above the floor";
@@ -180,13 +182,13 @@ impl ReferenceStream {
         was_followed
     }
 
-    /// Takes a reference of the writer `source`; `at` is the motion of the reference that is flown at `now`, and the room; `None` if no
-    /// reference can be followed now, which is not a pause of the writer.
+    /// Takes a reference of the writer `source`; `at` is the motion of the reference that is flown at `now`, the heading of the vehicle
+    /// \[rad\], and the room; `None` if no reference can be followed now, which is not a pause of the writer.
     pub fn receive(
         &mut self,
         now: Time,
         (source, message): (u64, &ReferenceV1),
-        at: Option<(&ReferenceMotion, &StoppingRoom)>,
+        at: Option<(&ReferenceMotion, f64, &StoppingRoom)>,
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
@@ -274,7 +276,7 @@ impl StreamLimits {
         &self,
         now: Time,
         message: &ReferenceV1,
-        (present, room): (&ReferenceMotion, &StoppingRoom),
+        (present, heading_rad, room): (&ReferenceMotion, f64, &StoppingRoom),
     ) -> Result<FollowedReference, SetpointRefusal> {
         let age_ms = now.since(message.time).seconds().abs() * 1e3;
         let longest_ms = self.longest_validity.seconds() * 1e3;
@@ -309,7 +311,10 @@ impl StreamLimits {
             }
             reference.jerk = Vector3::z() * reference.jerk.z;
         }
-        self.require_allowed(now, &reference, (present, room)).map(|()| reference)
+        self.require_allowed(now, &reference, (present, room))?;
+        // Derivatives do not bound the heading: the vehicle may not follow it.
+        let turn_rad = reference.motion(now).value.w - heading_rad;
+        require_turn("turn from the heading of the vehicle", turn_rad).map(|()| reference)
     }
 
     /// Requires that `reference` is within the limits, now and at the end of its validity.
@@ -349,7 +354,7 @@ impl StreamLimits {
         now: &ReferenceMotion,
         present: &ReferenceMotion,
     ) -> Result<(), SetpointRefusal> {
-        require_turn(now.value.w - present.value.w)?;
+        require_turn(TURN, now.value.w - present.value.w)?;
         let rate = ("the yaw of vehicle.rate-authority-rad-s", self.rate_rad_s[2]);
         require(["yaw rate", "rad/s"], now.rate.w.abs(), rate)
     }
@@ -376,7 +381,7 @@ impl StreamLimits {
             let limit = ("position.tilt-limit-deg", degrees(self.cosine_of_tilt));
             return Err(SetpointRefusal::Beyond { quantity: ["tilt", "deg"], value, limit });
         }
-        require_turn(EulerAngles::from_attitude(&attitude).yaw - yaw_rad)?;
+        require_turn(TURN, EulerAngles::from_attitude(&attitude).yaw - yaw_rad)?;
         for (rate, limit) in rate.iter().zip(self.rate_rad_s) {
             let limit = ("vehicle.rate-authority-rad-s", limit);
             require(["rate about an axis", "rad/s"], rate.abs(), limit)?;

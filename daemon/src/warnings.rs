@@ -88,10 +88,14 @@ fn warnings_along(
         all.extend(jerks.then(|| path::jerks(samples, config, trajectory)).flatten());
     } else {
         let too_hard = path::too_hard(samples, config);
-        // With a higher limit of the velocity the vehicle leaves a path that is too hard even further.
-        let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s, too_hard.is_none());
+        // With a higher limit of the velocity these laws, which follow the position alone, cut or leave a path even further.
+        let horizontal = (
+            "horizontal",
+            limits.horizontal_velocity_limit_m_s,
+            ", or fly oqtal-dt, which follows it",
+        );
         all.extend(path::too_fast(samples, config, horizontal, |velocity| velocity.xy().norm()));
-        let vertical = ("vertical", limits.vertical_velocity_limit_m_s, true);
+        let vertical = ("vertical", limits.vertical_velocity_limit_m_s, ", or raise the limit");
         all.extend(path::too_fast(samples, config, vertical, |velocity| velocity.z.abs()));
         all.extend(too_hard);
     }

@@ -22,7 +22,7 @@ use crate::study::flights::{Test, readable};
 use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, StudyLaw};
 use crate::study::metric::{CHIRP, DOUBLET, HOVER, JITTER, POSITION};
-use crate::study::table::mean_of;
+use crate::study::table::{mean_of, set_point_note};
 use crate::study::{Case, EVALUATION_SEEDS, Flown, Study, failure, records};
 
 /// A series of flights through processes, one after another.
@@ -88,12 +88,10 @@ const PAYLOAD_S: f64 = 24.0;
 /// Payload over the mass of the vehicle \[-\].
 const PAYLOAD: f64 = 0.1;
 
-/// Note below the tables.
+/// Note below the tables with the square.
 const NOTE: &str = "\
 On a square most of the position error of a law that settles is the way to the
-corner: compare settling and overshoot there. Velocity and attitude are compared
-with the newest command, by `fly` with that for the instant: laws that compute
-ahead differ less from it. For flights of your own begin with
+corner: compare settling and overshoot there. For flights of your own begin with
 `--controller oqtal-dt`; the default of `fly` is the paper's law, `oqtal`.";
 
 impl CampaignArgs {
@@ -174,7 +172,8 @@ impl CampaignArgs {
         let table = sheet.without(hidden).to_text();
         let note = if cases.len() > 1 { format!("\n{NOTE}") } else { String::new() };
         let loads = if cases.iter().any(|case| case.name == DISTURBED) { LOADS } else { "" };
-        format!("{table}\n{}{note}{loads}", failure::text(flown, &table))
+        let failures = failure::text(flown, &table);
+        format!("{table}\n{failures}{}{note}{loads}", set_point_note(flown))
     }
 
     fn sheet(&self, flown: &[Flown]) -> Sheet {
@@ -182,9 +181,9 @@ impl CampaignArgs {
         let runs = end - start;
         let best = self.best.filter(|best| *best < runs);
         let averaged = match best {
-            Some(best) => format!("position, velocity and attitude over the best {best}"),
-            None if runs == 1 => "errors are means over the scored time".to_owned(),
-            None => "means; position, velocity and attitude ± standard deviation".to_owned(),
+            Some(best) => format!(": means over the runs; mean errors over the best {best}"),
+            None if runs == 1 => String::new(),
+            None => ": means over the runs; mean errors ± standard deviation".to_owned(),
         };
         let best = best.unwrap_or(runs) as usize;
         let of = match runs {
@@ -194,7 +193,7 @@ impl CampaignArgs {
         let plain = flown.iter().filter(|row| row.case == PLAIN);
         Sheet {
             name: "campaign".to_owned(),
-            title: format!("{of}: {averaged}"),
+            title: format!("{of}{averaged}"),
             columns: in_order(&FIRST.into_iter().chain(table::COLUMNS).collect::<Vec<_>>()),
             rows: plain.map(|row| campaign_row(flown, row, best)).collect(),
             ..Sheet::default()
@@ -245,7 +244,7 @@ fn scores_disturbances(config: &Config) -> bool {
 const FIRST: [Column; 3] = [
     ("disturbed_hover_max_mm", "gust, payload: max [mm]"),
     ("disturbed_hover_rms_mm", "RMS [mm]"),
-    ("circle_error_m", "circle [m]"),
+    ("circle_error_m", "circle: mean [m]"),
 ];
 
 /// Note on the disturbed hover, whose loads begin at [`GUST_S`] and [`PAYLOAD_S`].

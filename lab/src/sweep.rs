@@ -18,7 +18,7 @@ use crate::study::args::{StudyArgs, parse_seeds, refuse_key_of_study, say_notes}
 use crate::study::gains::{self, GainSource};
 use crate::study::law;
 use crate::study::metric::{METRIC, METRICS};
-use crate::study::table::mean_of;
+use crate::study::table::{mean_of, set_point_note};
 use crate::study::{Case, Flown, Run, Study, failure, records};
 use crate::text_table;
 
@@ -261,7 +261,8 @@ impl SweepArgs {
         let seeds = self.seeds.clone().count();
         let idle: String = self.idle_keys(rows).iter().map(|line| format!("{line}\n")).collect();
         let failures = failure::text(&flown, &table);
-        format!("means over {seeds} seeds for each row\n{table}\n{idle}{failures}")
+        let head = format!("means over {seeds} seed{}", if seeds == 1 { "" } else { "s" });
+        format!("{head} for each row\n{table}\n{idle}{failures}{}", set_point_note(&flown))
     }
 
     /// The keys whose values make no difference to some laws, one line each.

@@ -12,6 +12,7 @@ mod quasi_newton;
 pub mod search;
 pub mod space;
 pub mod trade;
+mod training;
 pub mod tuned;
 
 use std::ops::Range;

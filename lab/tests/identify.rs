@@ -6,6 +6,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_control::predictive::{
     Bias, CommandHistory, Integration, ModelInput, Motion, Rotation, VehicleModel,
 };
+use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_lab::identify::command::check_distinct;
 use oqtal_lab::identify::data::{CommandRecord, FlightData, PoseRecord};
 use oqtal_lab::identify::excitation_flight;
@@ -223,6 +224,13 @@ fn the_file_of_a_vehicle_has_its_mass_and_the_given_settings() {
     assert_eq!(layered.vehicle.mass_kg, 0.9);
     assert!((layered.vehicle.max_thrust_n / 22.0 - 1.0).abs() < 0.01);
     assert_eq!(layered.fence, flight.config.fence);
+    // The default square fits into this fence, not into that of a smaller room.
+    assert_eq!(layered.trajectory.kind, TrajectoryKind::Square);
+    let mut narrow = flight.config.clone();
+    narrow.fence.y_m = [-1.5, 1.5];
+    let text = vehicle_toml::toml(&identified(&flight), &narrow);
+    let hovering = Config::parse("vehicle.toml", &text, &[]).unwrap();
+    assert_eq!(hovering.trajectory.kind, TrajectoryKind::Hover, "{text}");
 
     std::fs::write(&file, "[vehicle]\nmax-thrust-n = 22.0\n").unwrap();
     let refused = Config::load(std::slice::from_ref(&file), &[]).unwrap_err().to_string();

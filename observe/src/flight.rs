@@ -176,6 +176,8 @@ pub struct Flight {
     pub daemon: Option<ProcessUsage>,
     /// Whether the daemon ran with another configuration than the flight has.
     pub has_other_config: bool,
+    /// Number of requests that were overwritten before they were recorded \[-\].
+    pub lost_requests: u64,
 }
 
 impl Flight {
@@ -199,6 +201,7 @@ impl Flight {
             speed_factor: 0.0,
             daemon: None,
             has_other_config: false,
+            lost_requests: 0,
         }
     }
 

@@ -10,6 +10,9 @@ use serde::Serialize;
 use crate::flight::Flight;
 use crate::flight_sample::FlightSample;
 
+/// Least share of the trajectory under the fallback of which a note is made \[-\].
+const LEAST_SHARE: f64 = 0.01;
+
 /// Hand-overs from a law to its fallback.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct HandoverFigures {
@@ -54,14 +57,19 @@ impl HandoverFigures {
         Some(figures)
     }
 
-    /// Note on a flight of whose trajectory the fallback flew more than half, with the remedy for late answers; `None` for another one.
+    /// Note on a flight of whose trajectory the fallback flew a part, with the remedy for late answers if that is most of it; `None` for
+    /// another one.
     pub fn note(&self) -> Option<&'static str> {
-        (2 * self.fallback_ticks > self.trajectory_ticks).then_some(match self.is_late() {
-            true => {
+        let share = self.fallback_ticks as f64 / self.trajectory_ticks.max(1) as f64;
+        (share >= LEAST_SHARE).then_some(match (share > 0.5, self.is_late()) {
+            (true, true) => {
                 "the fallback law flew most of the trajectory: the figures are not those of the configured law, whose answers were late: raise external.budget-us to give it more time, or lower external.return-answers to give it control back sooner"
             }
-            false => {
+            (true, false) => {
                 "the fallback law flew most of the trajectory: the figures are not those of the configured law"
+            }
+            (false, _) => {
+                "the fallback law flew a part of the trajectory: the figures are those of both laws"
             }
         })
     }

@@ -156,7 +156,9 @@ impl Recorder {
         if self.flight.scored().take(2).count() == 1 {
             self.flight.samples.iter_mut().for_each(|sample| sample.telemetry.scored = 0);
         }
-        Flight { outcome, crash, speed_factor, has_other_config, ..self.flight }
+        let lost = self.lost.iter().find(|(topic, _)| *topic == ObservedTopic::Event);
+        let lost_requests = lost.map_or(0, |(_, count)| *count);
+        Flight { outcome, crash, speed_factor, has_other_config, lost_requests, ..self.flight }
     }
 
     /// Joins every waiting tick up to the newest truth sample with its nearest sample; in virtual time both have the same

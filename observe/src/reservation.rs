@@ -32,7 +32,13 @@ impl Flight {
                 "{missing_s:.2} s of the flight are not in the record, or without truth: the figures are those of the rest"
             )
         });
-        other.into_iter().chain(missing).collect()
+        let requests = (self.lost_requests > 0).then(|| {
+            format!(
+                "{} messages on requests are not in the record: settings changed in flight may be missing, and a replay differs",
+                self.lost_requests
+            )
+        });
+        other.into_iter().chain(missing).chain(requests).collect()
     }
 
     /// Time within flights that the record lacks \[s\]: without ticks, or without truth in a flight with truth.

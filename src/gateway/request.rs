@@ -23,7 +23,8 @@ struct GatewayRequest {
     command: CtlRequest,
     arguments: Vec<String>,
     sender: Sender,
-    received_at: Time,
+    /// Instant after which it was sent.
+    sent_after: Time,
     /// Number of stops and landings that were requested before it \[-\].
     endings_before: u64,
 }
@@ -35,7 +36,7 @@ impl GatewayRequest {
         if self.command.ends_flight() {
             return None;
         }
-        let waited = now.since(self.received_at);
+        let waited = now.since(self.sent_after);
         let has_effect = !matches!(self.command, CtlRequest::Status | CtlRequest::Get);
         if endings != self.endings_before && has_effect {
             Some("a stop or a landing was requested after it".to_owned())
@@ -47,9 +48,9 @@ impl GatewayRequest {
         }
     }
 
-    /// `request` with its author and the time of its reception.
+    /// `request` with its author and its time.
     fn sign(&self, request: ControlRequestV1) -> ControlRequestV1 {
-        let asked_at = self.received_at;
+        let asked_at = self.sent_after;
         let valid_until = asked_at + ANSWER_TIMEOUT;
         ControlRequestV1 { asked_at, valid_until, ..self.sender.sign(request) }
     }
@@ -64,7 +65,7 @@ pub struct RequestQueues<'a> {
 }
 
 impl RequestQueues<'_> {
-    /// Passes a request of `sender`, received at `received_at`, to the thread that replies.
+    /// Passes a request of `sender`, sent after `sent_after`, to the thread that replies.
     ///
     /// # Errors
     /// The request is unknown, its arguments are wrong, or too many wait; the sender, with the reason.
@@ -72,7 +73,7 @@ impl RequestQueues<'_> {
         &self,
         (name, arguments): (&str, Vec<String>),
         sender: Sender,
-        received_at: Time,
+        sent_after: Time,
     ) -> Result<(), (Sender, String)> {
         let known = CtlRequest::named(name).and_then(|command| {
             let valid = request_of(command, &arguments).map_err(|failure| failure.message);
@@ -89,7 +90,7 @@ impl RequestQueues<'_> {
         };
         let endings_before =
             self.endings.fetch_add(u64::from(command.ends_flight()), Ordering::AcqRel);
-        let request = GatewayRequest { command, arguments, sender, received_at, endings_before };
+        let request = GatewayRequest { command, arguments, sender, sent_after, endings_before };
         queue.try_send(request).map_err(|error| {
             let (TrySendError::Full(request) | TrySendError::Disconnected(request)) = error;
             (request.sender, format!("{QUEUE} requests wait for the daemon already"))
@@ -163,10 +164,10 @@ mod tests {
     use oqtal_bus::code::OperatorCommand;
     use oqtal_bus::time::Span;
 
-    use super::super::socket::Received;
+    use super::super::socket::Incoming;
     use super::*;
 
-    const RECEIVED_AT: Time = Time::VIRTUAL_START;
+    const SENT_AFTER: Time = Time::VIRTUAL_START;
 
     fn request(command: CtlRequest, port: u16) -> GatewayRequest {
         let sender = Sender::network(([10, 0, 0, 7], port).into(), 1);
@@ -174,7 +175,7 @@ mod tests {
             command,
             arguments: Vec::new(),
             sender,
-            received_at: RECEIVED_AT,
+            sent_after: SENT_AFTER,
             endings_before: 3,
         }
     }
@@ -188,9 +189,11 @@ mod tests {
             String::new()
         }
 
-        fn receive(&self, _: &mut [u8]) -> Result<Option<Received>, Failure> {
-            Ok(None)
+        fn receive(&self, _: &mut [u8]) -> Result<Incoming, Failure> {
+            Ok(Incoming::Empty)
         }
+
+        fn wait(&self) {}
 
         fn reply(&self, sender: &Sender, _: &str) {
             self.0.lock().unwrap().push(sender.program.clone());
@@ -222,7 +225,7 @@ mod tests {
     #[test]
     fn a_request_that_waited_for_a_stop_or_for_two_seconds_is_refused() {
         let arm = request(CtlRequest::Arm, 1);
-        let at = |millis| RECEIVED_AT + Span::from_millis(millis);
+        let at = |millis| SENT_AFTER + Span::from_millis(millis);
         let refusal = |endings, gateway_ends, now| arm.refusal(endings, gateway_ends, now);
         assert_eq!(refusal(3, false, at(2000)), None);
         assert!(refusal(3, false, at(2001)).unwrap().contains("it waited longer than 2 s"));
@@ -237,7 +240,7 @@ mod tests {
     fn a_request_has_the_time_of_its_reception() {
         let body = ControlRequestV1::of(OperatorCommand::Arm).by("oqtal");
         let ControlRequestV1 { asked_at, valid_until, .. } = request(CtlRequest::Arm, 1).sign(body);
-        assert_eq!(asked_at, RECEIVED_AT);
-        assert_eq!(valid_until, RECEIVED_AT + ANSWER_TIMEOUT);
+        assert_eq!(asked_at, SENT_AFTER);
+        assert_eq!(valid_until, SENT_AFTER + ANSWER_TIMEOUT);
     }
 }

@@ -10,7 +10,6 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use oqtal_bus::message::{ControlRequestV1, NO_USER};
 use oqtal_bus::origin::Origin;
@@ -26,8 +25,8 @@ use rustix::net::{
     recvmsg, sendto, sockopt,
 };
 
-/// Time after which a wait for a datagram ends, so that a stop is noticed.
-pub const TIMEOUT: Duration = Duration::from_millis(100);
+/// Time after which a wait for a datagram ends: the next datagram was sent at most this long before, unless the gateway was held up.
+const TIMEOUT_NS: i64 = 20_000_000;
 /// Maximum number of sockets that receive: the present one, and those before it whose file was removed \[-\].
 const MOST_SOCKETS: usize = 4;
 
@@ -36,14 +35,28 @@ pub trait GatewaySocket: Sync {
     /// The address for programs.
     fn address(&self) -> String;
 
-    /// Waits for a datagram; `None` if none came for a while, or one that nobody may send.
+    /// Takes the next datagram that waits.
     ///
     /// # Errors
     /// The operating system refuses.
-    fn receive(&self, datagram: &mut [u8]) -> Result<Option<Received>, Failure>;
+    fn receive(&self, datagram: &mut [u8]) -> Result<Incoming, Failure>;
+
+    /// Waits until a datagram comes, for a while.
+    fn wait(&self);
 
     /// Sends `text` to `sender`; nothing if it has no address or does not receive.
     fn reply(&self, sender: &Sender, text: &str);
+}
+
+/// Result of a reception.
+#[derive(Debug)]
+pub enum Incoming {
+    /// No datagram waits.
+    Empty,
+    /// One that nobody may send.
+    Ignored,
+    /// A datagram.
+    Datagram(Received),
 }
 
 /// A datagram received.
@@ -158,9 +171,13 @@ impl UnixGateway {
         Ok(Self { path: path.to_owned(), bound: Mutex::new(BoundSockets { file, sockets }) })
     }
 
-    /// Waits for a datagram; returns the socket that has one. Makes the file again if it was removed.
-    fn wait_readable(&self) -> Option<Arc<UnixDatagram>> {
-        // Only one thread receives.
+    /// The sockets, the newest first.
+    fn sockets(&self) -> Vec<Arc<UnixDatagram>> {
+        self.bound.lock().unwrap_or_else(PoisonError::into_inner).sockets.clone()
+    }
+
+    /// Makes the file again if it was removed.
+    fn renew(&self) {
         let mut present = self.bound.lock().unwrap_or_else(PoisonError::into_inner);
         let BoundSockets { file, sockets } = &mut *present;
         if file.is_due(Time::now())
@@ -169,13 +186,46 @@ impl UnixGateway {
             sockets.insert(0, socket);
             sockets.truncate(MOST_SOCKETS);
         }
-        let poll_fd = |socket| PollFd::from_borrowed_fd(AsFd::as_fd(socket), PollFlags::IN);
-        let mut polled: Vec<_> = sockets.iter().map(poll_fd).collect();
-        let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(TIMEOUT.subsec_nanos()) };
-        poll(&mut polled, Some(&timeout)).ok()?;
-        let is_ready = |polled: &PollFd<'_>| !polled.revents().is_empty();
-        polled.iter().position(is_ready).map(|number| Arc::clone(&sockets[number]))
     }
+
+    /// Takes the next datagram of `socket`; `None` if none waits.
+    fn receive_from(
+        &self,
+        socket: &Arc<UnixDatagram>,
+        datagram: &mut [u8],
+    ) -> Result<Option<Incoming>, Failure> {
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1))];
+        let mut control = RecvAncillaryBuffer::new(&mut space);
+        let mut parts = [IoSliceMut::new(datagram)];
+        let received = match recvmsg(socket, &mut parts, &mut control, RecvFlags::DONTWAIT) {
+            Ok(received) => received,
+            Err(Errno::AGAIN) => return Ok(None),
+            Err(Errno::INTR) => return Ok(Some(Incoming::Ignored)),
+            Err(error) => {
+                let message = format!("{}: {error}", self.path.display());
+                return Err(Failure::new(Exit::System, message));
+            }
+        };
+        let credentials = control.drain().find_map(|message| match message {
+            RecvAncillaryMessage::ScmCredentials(credentials) => Some(credentials),
+            _ => None,
+        });
+        let address = received.address.and_then(|any| SocketAddrUnix::try_from(any).ok());
+        let path = address.as_ref().and_then(SocketAddrUnix::path);
+        let address = path.and_then(|path| path.to_str().ok().map(PathBuf::from));
+        let sender = Sender::local(address, Arc::clone(socket), credentials);
+        Ok(Some(sender.map_or(Incoming::Ignored, |sender| {
+            Incoming::Datagram(Received { content: 0..received.bytes, sender })
+        })))
+    }
+}
+
+/// Waits until one of `sockets` has a datagram, for a while.
+pub fn wait_for_datagram(sockets: &[impl AsFd]) {
+    let poll_fd = |socket| PollFd::from_borrowed_fd(AsFd::as_fd(socket), PollFlags::IN);
+    let mut polled: Vec<_> = sockets.iter().map(poll_fd).collect();
+    // After an error the next wait follows at once.
+    let _ = poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: TIMEOUT_NS }));
 }
 
 /// A socket bound to `path`, mode 0600.
@@ -191,28 +241,18 @@ impl GatewaySocket for UnixGateway {
         self.path.display().to_string()
     }
 
-    fn receive(&self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
-        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmCredentials(1))];
-        let mut control = RecvAncillaryBuffer::new(&mut space);
-        let mut parts = [IoSliceMut::new(datagram)];
-        let Some(socket) = self.wait_readable() else { return Ok(None) };
-        let received = match recvmsg(&socket, &mut parts, &mut control, RecvFlags::DONTWAIT) {
-            Ok(received) => received,
-            Err(Errno::AGAIN | Errno::INTR) => return Ok(None),
-            Err(error) => {
-                let message = format!("{}: {error}", self.path.display());
-                return Err(Failure::new(Exit::System, message));
+    fn receive(&self, datagram: &mut [u8]) -> Result<Incoming, Failure> {
+        for socket in self.sockets() {
+            if let Some(reception) = self.receive_from(&socket, datagram)? {
+                return Ok(reception);
             }
-        };
-        let credentials = control.drain().find_map(|message| match message {
-            RecvAncillaryMessage::ScmCredentials(credentials) => Some(credentials),
-            _ => None,
-        });
-        let address = received.address.and_then(|any| SocketAddrUnix::try_from(any).ok());
-        let path = address.as_ref().and_then(SocketAddrUnix::path);
-        let address = path.and_then(|path| path.to_str().ok().map(PathBuf::from));
-        let sender = Sender::local(address, socket, credentials);
-        Ok(sender.map(|sender| Received { content: 0..received.bytes, sender }))
+        }
+        Ok(Incoming::Empty)
+    }
+
+    fn wait(&self) {
+        self.renew();
+        wait_for_datagram(&self.sockets());
     }
 
     fn reply(&self, sender: &Sender, text: &str) {
@@ -246,11 +286,14 @@ mod tests {
         let before = program("before");
         std::fs::remove_file(&path).unwrap();
         let mut datagram = [0; 16];
-        assert!(gateway.receive(&mut datagram).unwrap().is_none());
+        gateway.wait();
+        assert!(matches!(gateway.receive(&mut datagram), Ok(Incoming::Empty)));
         let after = program("after");
         for program in [before, after] {
             program.send(b"ask").unwrap();
-            let received = gateway.receive(&mut datagram).unwrap().unwrap();
+            let Ok(Incoming::Datagram(received)) = gateway.receive(&mut datagram) else {
+                panic!("no datagram")
+            };
             assert_eq!(&datagram[received.content], b"ask");
             gateway.reply(&received.sender, "answer");
             let length = program.recv(&mut datagram).unwrap();

@@ -21,7 +21,7 @@ use oqtal_wire::hex::{from_hex, to_hex};
 use sha2::Sha256;
 
 use super::session::Session;
-use super::socket::{GatewaySocket, Received, Sender, SenderAddress, TIMEOUT};
+use super::socket::{GatewaySocket, Incoming, Received, Sender, SenderAddress, wait_for_datagram};
 
 /// Length of key and code \[bytes\].
 const KEY_BYTES: usize = 32;
@@ -87,7 +87,7 @@ impl UdpGateway {
         let failed =
             |error: std::io::Error| Failure::new(Exit::System, format!("{address}: {error}"));
         let socket = UdpSocket::bind(address).map_err(failed)?;
-        socket.set_read_timeout(Some(TIMEOUT)).map_err(failed)?;
+        socket.set_nonblocking(true).map_err(failed)?;
         Ok(Self { socket, key, session: Session::begin()? })
     }
 
@@ -102,20 +102,18 @@ impl GatewaySocket for UdpGateway {
         self.socket.local_addr().map_or_else(|error| error.to_string(), |it| format!("udp:{it}"))
     }
 
-    fn receive(&self, datagram: &mut [u8]) -> Result<Option<Received>, Failure> {
+    fn receive(&self, datagram: &mut [u8]) -> Result<Incoming, Failure> {
         let (length, address) = match self.socket.recv_from(datagram) {
             Ok(received) => received,
-            Err(error)
-                if matches!(
-                    error.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                return Ok(None);
-            }
-            Err(error) => return Err(Failure::new(Exit::System, format!("UDP: {error}"))),
+            Err(error) => match error.kind() {
+                ErrorKind::WouldBlock => return Ok(Incoming::Empty),
+                ErrorKind::Interrupted => return Ok(Incoming::Ignored),
+                _ => return Err(Failure::new(Exit::System, format!("UDP: {error}"))),
+            },
         };
-        let Some(text) = self.key.confirmed(&datagram[..length]) else { return Ok(None) };
+        let Some(text) = self.key.confirmed(&datagram[..length]) else {
+            return Ok(Incoming::Ignored);
+        };
         let line_end = text.iter().position(|byte| *byte == b'\n').unwrap_or(text.len());
         let line = String::from_utf8_lossy(&text[..line_end]);
         let clock = Time::now() + Time::wall_offset();
@@ -123,14 +121,18 @@ impl GatewaySocket for UdpGateway {
             Some(Ok(sequence)) => {
                 let start = (length - text.len() + line_end + 1).min(length);
                 let sender = Sender::network(address, sequence);
-                Some(Received { content: start..length, sender })
+                Incoming::Datagram(Received { content: start..length, sender })
             }
             Some(Err((sequence, refusal))) => {
                 self.send(address, sequence, &refusal.to_json());
-                None
+                Incoming::Ignored
             }
-            None => None,
+            None => Incoming::Ignored,
         })
+    }
+
+    fn wait(&self) {
+        wait_for_datagram(std::slice::from_ref(&self.socket));
     }
 
     fn reply(&self, sender: &Sender, text: &str) {

@@ -223,19 +223,20 @@ impl FlightCourse {
         }
     }
 
-    /// Takes a reference of the planner `source`; without effect during take-off and landing.
+    /// Takes a reference of the planner `source` for a vehicle with this heading \[rad\]; without effect without one, and during take-off
+    /// and landing.
     pub(super) fn receive_reference(
         &mut self,
         now: Time,
         (source, message): (u64, &ReferenceV1),
-        is_changeable: bool,
+        heading_rad: Option<f64>,
     ) {
-        let is_changeable = is_changeable && self.require_changeable().is_ok();
-        let present = self.motion(now).filter(|_| is_changeable);
+        let heading_rad = heading_rad.filter(|_| self.require_changeable().is_ok());
+        let present = self.motion(now).zip(heading_rad);
         let was_followed = self.stream.is_followed();
-        let at = present.as_ref().map(|present| (present, &self.room));
+        let at = present.as_ref().map(|(present, heading)| (present, *heading, &self.room));
         self.stream.receive(now, (source, message), at);
-        if let Some(present) = present.filter(|_| self.stream.is_followed() && !was_followed) {
+        if let Some((present, _)) = present.filter(|_| self.stream.is_followed() && !was_followed) {
             // The plan is not resumed after the stream.
             self.stop_from(now, &present);
         }

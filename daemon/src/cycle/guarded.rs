@@ -3,6 +3,7 @@
 use oqtal_bus::code::{Cause, HandoverCause};
 use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_config::Config;
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::Motion;
 use oqtal_control::trajectory::Reference;
@@ -149,6 +150,8 @@ impl GuardedControl {
         else {
             return output;
         };
+        let prescribed = reference.attitude.map(|it| EulerAngles::from_attitude(&it.attitude).yaw);
+        let heading_rad = prescribed.unwrap_or(reference.yaw_rad);
         let (law, fallback) = match &mut self.law {
             GuardedLaw::External(external) => {
                 let reference = law_tick.reference_ahead.as_ref().unwrap_or(reference);
@@ -164,7 +167,8 @@ impl GuardedControl {
                 (finite(output), fallback)
             }
         };
-        let guarded = GuardedTick { ahead: &ahead, tracker, last, dt_s: tick.dt_s, is_free };
+        let dt_s = tick.dt_s;
+        let guarded = GuardedTick { ahead: &ahead, tracker, heading_rad, last, dt_s, is_free };
         let (selected, verdict) = self.guard.select(&guarded, law, fallback);
         let flown = !self.guard.report().is_fallback;
         match &mut self.law {

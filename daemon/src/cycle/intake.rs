@@ -6,7 +6,7 @@ use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::estimator::{Estimate, Estimator};
-use oqtal_control::euler::shorter_turn;
+use oqtal_control::euler::{EulerAngles, shorter_turn};
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{CommandReport, MotionTracker};
 use oqtal_control::trajectory::{Phase, Reference, Trajectory};
@@ -255,6 +255,11 @@ impl Intake {
     /// Age of the last accepted pose; `None` before the first.
     pub(super) fn pose_age(&self, now: Time) -> Option<Span> {
         self.guard.last().map(|last| now.since(last.captured_at))
+    }
+
+    /// Heading of the vehicle in the last accepted pose \[rad\]; `None` before the first.
+    pub(super) fn heading_rad(&self) -> Option<f64> {
+        self.guard.last().map(|last| EulerAngles::from_attitude(&last.attitude).yaw)
     }
 
     /// The last accepted pose.

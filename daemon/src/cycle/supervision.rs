@@ -336,7 +336,8 @@ impl FlightSupervision {
         intake: &Intake,
     ) {
         let is_changeable = self.require_changeable(intake).is_ok();
-        self.course.receive_reference(now, (source, message), is_changeable);
+        let heading_rad = intake.heading_rad().filter(|_| is_changeable);
+        self.course.receive_reference(now, (source, message), heading_rad);
     }
 
     /// Begins a flight at once, or refuses it.

@@ -35,14 +35,24 @@ fn present() -> ReferenceMotion {
 #[test]
 fn f35_between_two_references_the_last_is_extrapolated_until_its_validity_ends() {
     let mut stream = stream();
-    stream.receive(at(0), (7, &sample(0)), Some((&present(), &room(0.0))));
+    stream.receive(at(0), (7, &sample(0)), Some((&present(), 0.0, &room(0.0))));
     let reference = stream.reference(at(20)).unwrap();
     assert!((reference.position - Vector3::new(0.01, 0.0, 1.0)).norm() < 1e-12);
     assert!(!stream.expire(at(33)) && stream.expire(at(34)));
     assert_eq!((stream.reference(at(34)), stream.ended(at(40))), (None, [true, false]));
     assert_eq!(stream.ended(at(34 + 5000)), [true, true]);
-    stream.receive(at(60), (7, &sample(60)), Some((&present(), &room(0.0))));
+    stream.receive(at(60), (7, &sample(60)), Some((&present(), 0.0, &room(0.0))));
     assert_eq!(stream.ended(at(60)), [false, false]);
+}
+
+#[test]
+fn f35_references_whose_heading_the_vehicle_does_not_follow_are_refused() {
+    let mut stream = stream();
+    stream.receive(at(0), (7, &sample(0)), Some((&present(), 0.7, &room(0.0))));
+    assert!(stream.take_refusal().is_none() && stream.is_followed());
+    stream.receive(at(10), (7, &sample(10)), Some((&present(), 0.9, &room(0.0))));
+    let refusal = stream.take_refusal().unwrap().to_string();
+    assert!(refusal.contains("turn from the heading of the vehicle 51.57 deg"), "{refusal}");
 }
 
 #[test]
@@ -79,10 +89,14 @@ fn f35_a_planners_reference_beyond_a_limit_leaves_the_last_valid_one_in_force() 
     ];
     for (reason, message) in wrong {
         let mut stream = stream();
-        stream.receive(at(0), (7, &sample(0)), Some((&present(), &room(0.0))));
+        stream.receive(at(0), (7, &sample(0)), Some((&present(), 0.0, &room(0.0))));
         assert_eq!(stream.take_refusal(), None);
         let before = stream.reference(at(10));
-        stream.receive(at(10), (7, &message), Some((&stream.motion(at(10)).unwrap(), &room(0.0))));
+        stream.receive(
+            at(10),
+            (7, &message),
+            Some((&stream.motion(at(10)).unwrap(), 0.0, &room(0.0))),
+        );
         let told = stream.take_refusal().map(|refusal| refusal.to_string());
         assert!(told.as_ref().is_some_and(|told| told.contains(reason)), "{told:?}: {message:?}");
         assert_eq!(stream.reference(at(10)), before, "{message:?}");
@@ -99,7 +113,7 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
         valid_until: at(500),
         ..sample(0)
     };
-    stream.receive(at(0), (7, &message), Some((&present(), &room(0.0))));
+    stream.receive(at(0), (7, &message), Some((&present(), 0.0, &room(0.0))));
     let limit_rad = stream.limits.cosine_of_tilt.acos();
     for millis in [0, 20, 200, 450] {
         let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap();
@@ -108,7 +122,7 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
         assert!((turned_rad - expected_rad).abs() < 2e-3, "{millis} ms: {turned_rad}");
         assert_eq!(attitude.rate.0.x == 0.0, expected_rad == limit_rad, "{millis} ms");
     }
-    stream.receive(at(1), (7, &sample(1)), Some((&present(), &room(0.95))));
+    stream.receive(at(1), (7, &sample(1)), Some((&present(), 0.0, &room(0.95))));
     let refusal = stream.take_refusal().unwrap();
     assert!(refusal.to_string().contains("above the floor"), "{refusal}");
 }
@@ -116,23 +130,23 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
 #[test]
 fn an_operator_ends_a_stream_until_its_planner_pauses() {
     let mut stream = stream();
-    stream.receive(at(0), (7, &sample(0)), Some((&present(), &room(0.0))));
+    stream.receive(at(0), (7, &sample(0)), Some((&present(), 0.0, &room(0.0))));
     stream.end();
     for millis in [10, 400, 800] {
-        stream.receive(at(millis), (7, &sample(millis)), Some((&present(), &room(0.0))));
+        stream.receive(at(millis), (7, &sample(millis)), Some((&present(), 0.0, &room(0.0))));
         assert!(!stream.is_followed());
     }
     for millis in [1000, 1300] {
         stream.receive(at(millis), (7, &sample(millis)), None);
     }
-    stream.receive(at(1500), (7, &sample(1500)), Some((&present(), &room(0.0))));
+    stream.receive(at(1500), (7, &sample(1500)), Some((&present(), 0.0, &room(0.0))));
     assert!(!stream.is_followed(), "a reference that cannot be followed is not a pause");
     let resting = ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(2100) };
-    stream.receive(at(2100), (7, &resting), Some((&present(), &room(0.0))));
+    stream.receive(at(2100), (7, &resting), Some((&present(), 0.0, &room(0.0))));
     assert!(stream.is_followed(), "it paused");
     stream.end();
     let other = ReferenceV1 { time: at(2110), ..resting };
-    stream.receive(at(2110), (8, &other), Some((&present(), &room(0.0))));
+    stream.receive(at(2110), (8, &other), Some((&present(), 0.0, &room(0.0))));
     assert!(stream.is_followed(), "another planner");
 }
 
@@ -141,13 +155,13 @@ fn f35_a_slow_planner_does_not_take_the_vehicle_back_within_one_validity() {
     let validity = oqtal_config::Setting::flag("test", "reference.longest-validity-ms", 1500);
     let mut stream = ReferenceStream::new(&Config::from_settings(&[validity]).unwrap());
     let resting = |millis| ReferenceV1 { position: [0.0, 0.0, 1.0], ..sample(millis) };
-    stream.receive(at(0), (7, &resting(0)), Some((&present(), &room(0.0))));
+    stream.receive(at(0), (7, &resting(0)), Some((&present(), 0.0, &room(0.0))));
     stream.end();
     for millis in [1000, 2000, 3400] {
-        stream.receive(at(millis), (7, &resting(millis)), Some((&present(), &room(0.0))));
+        stream.receive(at(millis), (7, &resting(millis)), Some((&present(), 0.0, &room(0.0))));
         assert!(!stream.is_followed(), "{millis} ms");
     }
-    stream.receive(at(4950), (7, &resting(4950)), Some((&present(), &room(0.0))));
+    stream.receive(at(4950), (7, &resting(4950)), Some((&present(), 0.0, &room(0.0))));
     assert!(stream.is_followed(), "it paused");
 }
 
@@ -160,7 +174,7 @@ fn a_planners_attitude_may_turn_on_step_by_step() {
         let kind = ReferenceKind::Attitude.code();
         let message = ReferenceV1 { kind, attitude, velocity: [0.0; 3], ..sample(16 * step) };
         let flown = stream.motion(now).unwrap_or(present());
-        stream.receive(now, (7, &message), Some((&flown, &room(0.0))));
+        stream.receive(now, (7, &message), Some((&flown, flown.value.w, &room(0.0))));
         assert_eq!(stream.take_refusal(), None, "{step}");
     }
 }

@@ -2,8 +2,10 @@
 
 use nalgebra::Vector3;
 use oqtal_config::Config;
+use oqtal_control::controller::ControlOptions;
 use oqtal_control::trajectory::{Phase, Reference};
 
+use super::law::lacks_feed_forward;
 use super::model_flight::ModelFlight;
 
 /// Displacement at the beginning, and a distance that no law in a stable loop reaches at the end \[m\].
@@ -48,7 +50,22 @@ pub(crate) fn oscillates(config: &Config) -> Option<String> {
             false => "more than 10 m away".to_owned(),
         };
         format!(
-            "{law} oscillates with this vehicle: in a hover of its model that begins {DISPLACEMENT_M} m aside, it is {distance} after {HOVER_S} s; find other gains with `oqtal tune {law}`, or fly oqtal-dt"
+            "{law} oscillates with this vehicle: in a hover of its model that begins {DISPLACEMENT_M} m aside, it is {distance} after {HOVER_S} s; {}",
+            remedy(&config.control)
         )
     })
+}
+
+/// Remedy for a law that oscillates, as it flies with `control`.
+fn remedy(control: &ControlOptions) -> String {
+    if let Some(law) = lacks_feed_forward(control) {
+        return format!("set control.{}.feed-forward to true", law.name());
+    }
+    let law = control.built_in();
+    let stack = match control.is_predictive() && !law.is_predictive() {
+        true => " --set control.stack=predictive",
+        false => "",
+    };
+    let other = if control.is_external() { "set another control.fallback" } else { "fly oqtal-dt" };
+    format!("find other gains with `oqtal tune {}{stack}`, or {other}", law.name())
 }

@@ -1,7 +1,7 @@
 //! Notes on the law and its stack.
 
 use oqtal_config::Config;
-use oqtal_control::controller::ControllerName;
+use oqtal_control::controller::{ControlOptions, ControllerName};
 use oqtal_control::trajectory::{Phase, Reference};
 
 use crate::law_guard::{note_below_envelope, note_on_fallback};
@@ -17,20 +17,29 @@ pub(super) fn replaced(config: &Config) -> Option<String> {
     })
 }
 
-/// Note on a law in the predictive stack that does not use the rate of the reference: its loop oscillates.
+/// Note on a law, or fallback law, in the predictive stack that does not use the rate of the reference: its loop oscillates.
 pub(super) fn feed_forward_off(config: &Config) -> Option<String> {
-    let (control, law) = (&config.control, config.control.controller.name());
-    let is_off = match control.controller {
+    let (flown, fallback) = (&config.control, config.control.of_fallback());
+    let of = |control: &ControlOptions, what| {
+        let law = lacks_feed_forward(control)?.name();
+        Some(format!(
+            "on the predictive stack the {what} {law} needs its feed-forward, or the vehicle oscillates: set control.{law}.feed-forward to true"
+        ))
+    };
+    let what = if flown.is_external() { "fallback law" } else { "law" };
+    of(flown, what).or_else(|| of(fallback.as_ref()?, "fallback law"))
+}
+
+/// The built-in law of `control` if it is in the predictive stack and does not use the rate of the reference.
+pub(super) fn lacks_feed_forward(control: &ControlOptions) -> Option<ControllerName> {
+    let law = control.built_in();
+    let is_off = match law {
         ControllerName::Pid => !control.pid.feed_forward,
         ControllerName::Lqr => !control.lqr.feed_forward,
         ControllerName::Oqtal => !control.oqtal.feed_forward,
         _ => false,
     };
-    (control.is_predictive() && is_off).then(|| {
-        format!(
-            "with control.stack = \"predictive\" the law {law} needs its feed-forward, or the vehicle oscillates: set control.{law}.feed-forward to true"
-        )
-    })
+    (control.is_predictive() && is_off).then_some(law)
 }
 
 /// Note that a part of the path is so low that a guarded law cannot fly it.

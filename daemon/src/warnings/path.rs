@@ -67,12 +67,12 @@ pub(super) fn jerks(
     })
 }
 
-/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there. `can_rise`: whether a
-/// higher limit is a remedy.
+/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there; with `or_else`, what
+/// else is a remedy.
 pub(super) fn too_fast(
     samples: &[(f64, Reference)],
     config: &Config,
-    (axis, limit, can_rise): (&str, f64, bool),
+    (axis, limit, or_else): (&str, f64, &str),
     speed: impl Fn(&Vector3<f64>) -> f64,
 ) -> Option<String> {
     let (fastest, t_s, reference) = greatest(samples, |reference| speed(&reference.velocity))?;
@@ -88,9 +88,8 @@ pub(super) fn too_fast(
             format!("fly it {:.1} times slower", (10.0 * fastest / limit).ceil() / 10.0),
         ),
     };
-    let or_raise = if can_rise { ", or raise the limit" } else { "" };
     Some(format!(
-        "{what} moves at {fastest:.2} m/s, and position.{axis}-velocity-limit-m-s is {limit}: the vehicle will stay behind; {remedy}{or_raise}"
+        "{what} moves at {fastest:.2} m/s, and position.{axis}-velocity-limit-m-s is {limit}: the vehicle will stay behind; {remedy}{or_else}"
     ))
 }
 

@@ -44,7 +44,7 @@ fn a_speed_beyond_the_limit_is_reported_with_its_instant_and_a_remedy() {
     // With a higher limit it is left further.
     assert!(text.contains("tilt-limit-deg") && !text.contains("raise"), "{text}");
     let text = told_of("t,x,y,z\n0,0,0,1\n10,12,0,1\n");
-    assert!(text.ends_with("or raise the limit") && !text.contains('\n'), "{text}");
+    assert!(text.ends_with("or fly oqtal-dt, which follows it") && !text.contains('\n'), "{text}");
     let text = told(&["trajectory.take-off-s=1"], None).join("\n");
     assert!(text.starts_with("the take-off") && text.contains("take-off-s"), "{text}");
 }

@@ -6,6 +6,7 @@ use toml::{Table, Value};
 
 use super::finding::{ParameterFinding, with_interval};
 use super::identification::Identification;
+use crate::mission::Mission;
 use crate::study::flights::table;
 
 /// Column of the remarks \[characters\].
@@ -26,8 +27,16 @@ const FLOWN: [&str; 7] = [
 ];
 
 /// A configuration with the findings, the interval beside each value, and with all settings of `config`, the configuration of the
-/// flight, that describe the vehicle and its laboratory.
+/// flight, that describe the vehicle and its laboratory. Its trajectory is a hover if the default one cannot be flown there.
 pub fn toml(identification: &Identification, config: &Config) -> String {
+    let text = |trajectory: &[Setting]| text(identification, config, trajectory);
+    let hover = [Setting::flag("identify", "trajectory.kind", "hover")];
+    let flies = |text: &str| Config::parse("", text, &[]).is_ok_and(|it| Mission::new(it).is_ok());
+    let (plain, hovering) = (text(&[]), text(&hover));
+    if !flies(&plain) && flies(&hovering) { hovering } else { plain }
+}
+
+fn text(identification: &Identification, config: &Config, trajectory: &[Setting]) -> String {
     let poses = identification.poses;
     let mut text = format!(
         "# The vehicle, identified by `oqtal identify` from {poses} poses in the air. Behind each identified value: its 95 %\n\
@@ -37,6 +46,11 @@ pub fn toml(identification: &Identification, config: &Config) -> String {
          # simulate the vehicle of this flight, copy its [plant]: of that only the delay is here, if the stamps lack a part.\n"
     );
     let mut lines = configured(identification, config);
+    lines.extend(trajectory.iter().map(|setting| {
+        let (section, name) = setting.key.split_once('.').unwrap_or(("", &setting.key));
+        let remark = "the default, a square, cannot be flown in this room";
+        (section.to_owned(), commented(format!("{name} = {}", setting.value), remark))
+    }));
     for key in identification.keys() {
         let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
         lines.push((section.to_owned(), line(identification, key, name)));

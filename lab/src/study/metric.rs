@@ -30,9 +30,9 @@ pub const METRICS: usize = 9;
 /// Metrics, in the order of [`Figures`]. In tuning, hover has double weight: it is the only position metric that depends neither
 /// on limits nor on a command filtered by the law itself, while there are two such metrics of a prescribed attitude.
 pub const METRIC: [Metric; METRICS] = [
-    metric("position_error_m", "position [m]", [1.0, 0.271]),
-    metric("velocity_error_m_s", "velocity [m/s]", [1.0, 0.0994]),
-    metric("attitude_error_deg", "attitude [°]", [1.0, 1.30]),
+    metric("position_error_m", "mean position [m]", [1.0, 0.271]),
+    metric("velocity_error_m_s", "mean velocity [m/s]", [1.0, 0.0994]),
+    metric("attitude_error_deg", "mean attitude [°]", [1.0, 1.30]),
     metric("settle_s", "settled to 5 cm [s]", [1.0, 2.05]),
     metric("overshoot_mm", "overshoot [mm]", [0.2, 7.12]),
     metric("hover_rms_mm", "hover RMS [mm]", [2.0, 9.98]),

@@ -4,6 +4,8 @@ use std::fmt;
 
 use oqtal_control::statistics::{mean, standard_deviation};
 
+use super::Flown;
+use super::metric::VELOCITY;
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// A column over rows `R`.
@@ -52,10 +54,25 @@ pub fn marked(cell: SheetCell, is_partial: bool) -> SheetCell {
     if is_partial && has_value { SheetCell::Partial(Box::new(cell)) } else { cell }
 }
 
+/// Note on the errors of laws that predict.
+const SET_POINTS: &str = "
+Velocity and attitude errors are relative to the newest command of the law, in
+`fly` to the command for the instant: laws that predict have smaller ones there.";
+
+/// [`SET_POINTS`] if a table of `rows` has velocity and attitude errors of a law that predicts; otherwise empty.
+pub fn set_point_note(rows: &[Flown]) -> &'static str {
+    let predicts = |row: &Flown| {
+        let first = row.conditions.first();
+        first.is_some_and(|first| row.law.with(&first.settings).is_predictive())
+    };
+    let has_errors = |row: &&Flown| !row.landed(VELOCITY).is_empty();
+    if rows.iter().filter(has_errors).any(predicts) { SET_POINTS } else { "" }
+}
+
 /// Names of a row of a sheet: law, origin, settings.
 pub type RowNames = (String, Variant, String);
 
-impl super::Flown {
+impl Flown {
     /// Names of the row of a sheet: the law with the remark on its gains.
     pub fn names(&self) -> RowNames {
         (self.law.name.clone(), self.law.variant, self.law.remark.clone())
@@ -98,5 +115,24 @@ impl Sheet {
     /// The sheet as a detail that is left out of Markdown.
     pub fn as_detail(self) -> Self {
         Self { is_detail: true, ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::tests::flown;
+    use oqtal_config::Setting;
+
+    #[test]
+    fn errors_of_laws_that_predict_have_a_note_on_their_set_points() {
+        let of = |law, figure| set_point_note(&[flown("pid", &[1.0]), flown(law, &[figure])]);
+        assert!(of("oqtal-dt", 1.0).starts_with("\nVelocity and attitude"));
+        assert_eq!([of("lqr", 1.0), of("oqtal-dt", f64::INFINITY)], ["", ""]);
+        let mut row = flown("pid", &[1.0]);
+        let mut conditions = row.conditions.to_vec();
+        conditions[0].settings.push(Setting::flag("sweep", "control.stack", "predictive"));
+        row.conditions = conditions.into();
+        assert_eq!(set_point_note(&[row]), SET_POINTS);
     }
 }

@@ -36,7 +36,7 @@ fn check_reference([off, jitter]: [f64; 2]) -> Result<(), Failure> {
     if off.is_finite() && !jitter.is_infinite() {
         return Ok(());
     }
-    let reason = "tune outer: a path with the configured gains of `oqtal` does not land, so that there is nothing to improve; tune the law first: `oqtal tune oqtal`";
+    let reason = "tune outer: a path with the configured gains of `oqtal` does not land, so that there is nothing to improve; tune the law first with `oqtal tune oqtal` and the configuration of this command";
     Err(Failure::new(Exit::Flight, reason))
 }
 

@@ -1,6 +1,6 @@
 //! Laws that fail, each in its way, from a random instant on.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector3;
 use oqtal_bus::message::{ExternalV1, StateV1};
@@ -61,10 +61,11 @@ pub enum Sabotage {
     Runaway,
     WrongVelocity,
     OutOfRange,
+    TurnedAway,
 }
 
 impl Sabotage {
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Killed,
         Self::SleepsForASecond,
         Self::NotANumber,
@@ -82,6 +83,7 @@ impl Sabotage {
         Self::Runaway,
         Self::WrongVelocity,
         Self::OutOfRange,
+        Self::TurnedAway,
     ];
 }
 
@@ -186,6 +188,17 @@ impl Saboteur {
                 let random = &mut self.random;
                 let rate = Vector3::from_fn(|_, _| random.between(-most, most) * size);
                 ExternalV1 { rate: rate.into(), ..lifted(good.thrust * random.between(0.5, 1.5)) }
+            }
+            // Turns up to half a turn from the reference, then tilts.
+            Sabotage::TurnedAway => {
+                let [x, y, z, w] = state.attitude;
+                let yaw = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+                let turn = (yaw - state.reference_yaw + PI).rem_euclid(TAU) - PI;
+                let rate = match turn.abs() < 0.3 + 2.8 * size {
+                    true => Vector3::new(rate.x, rate.y, 0.99 * state.greatest_rate[2]),
+                    false => direction * most,
+                };
+                ExternalV1 { rate: rate.into(), ..good }
             }
             Sabotage::FullThrust => lifted(f64::INFINITY),
             Sabotage::NoThrust => lifted(0.0),

@@ -93,7 +93,7 @@ impl RecordingFile {
         Ok(starts.all.into_iter().map(dated).collect())
     }
 
-    /// What was recorded of flight `number`, from 1 on, up to the next one, with the requests of operators before it.
+    /// The record of flight `number`, from 1 on, up to the next one, with the requests of operators before it.
     ///
     /// # Errors
     /// The recording has other message definitions or no valid configuration, or there is no such flight.

@@ -75,14 +75,14 @@ fn f47_a_landing_that_begins_in_the_tick_of_a_hold_is_flown() {
 #[test]
 fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
     let (mut course, now, position) = flying();
-    course.receive_reference(now, (7, &message(now, position, 0.0)), true);
+    course.receive_reference(now, (7, &message(now, position, 0.0)), Some(0.0));
     assert_eq!(course.followed(now), Followed::Planner);
     course.follow(now, SafetyState::Hold, position, false);
     assert_eq!(course.followed(now), Followed::Ended);
     let later = now + Span::from_millis(100);
     course.update_setpoint(later);
     course.follow(later, SafetyState::Nominal, position, false);
-    course.receive_reference(later, (7, &message(later, position, 0.0)), true);
+    course.receive_reference(later, (7, &message(later, position, 0.0)), Some(0.0));
     assert_eq!(course.followed(later), Followed::Planner);
 }
 
@@ -90,8 +90,8 @@ fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
 #[test]
 fn f35_a_refused_reference_leaves_that_of_the_effect_of_a_command_on_its_way() {
     let (mut course, now, position) = flying();
-    course.receive_reference(now, (7, &message(now, position, 0.5)), true);
-    course.receive_reference(now, (7, &message(now, position, 9.0)), true);
+    course.receive_reference(now, (7, &message(now, position, 0.5)), Some(0.0));
+    course.receive_reference(now, (7, &message(now, position, 9.0)), Some(0.0));
     course.update_setpoint(now);
     assert!(course.setpoint().refusal.is_some());
     let ahead = course.reference_at(now + Span::from_millis(40), 0.1).unwrap();
