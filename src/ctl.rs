@@ -5,6 +5,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, UNCHANGED};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::topic::TELEMETRY;
 use oqtal_config::{Config, InstanceOptions};
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::status::InstanceStatus;
@@ -65,6 +66,7 @@ impl CtlArgs {
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
+        let mut observers = None;
         let (status, (response, roots)) = match self.command {
             CtlRequest::Land => (InstanceStatus::default(), land::land(&address, request)?),
             _ => {
@@ -72,10 +74,12 @@ impl CtlArgs {
                 let bus = running_bus(&address.paths)?;
                 self.check_waypoints(named, &address)?;
                 let (response, status) = self.ask(&bus, request, expected)?;
+                observers = matches!(self.command, CtlRequest::Status).then(|| observed_by(&bus));
                 (status, (response, Vec::new()))
             }
         };
-        let lines = [status.lines(), self.notes(&address, &response)].concat();
+        let observers = Vec::from_iter(observers);
+        let lines = [status.lines(), observers, self.notes(&address, &response)].concat();
         let report = ControlReport::new(self.command.command(), &response, status, &address.paths)
             .under(&roots);
         let refused = report.check(&response, expected);
@@ -274,6 +278,16 @@ fn differences(
 fn names_configurations(response: &ControlResponseV1) -> bool {
     let mut obstacles = ArmingObstacles::from_bits(response.obstacles).iter();
     obstacles.any(|obstacle| obstacle == ArmingObstacle::Configuration)
+}
+
+/// Line on the processes that observe the instance: without a recorder no flight of services is recorded.
+fn observed_by(bus: &Bus) -> String {
+    let observers = bus.observers(&TELEMETRY).unwrap_or_default();
+    match observers.iter().any(|it| it.contains(" record`") || it.contains(" fly`")) {
+        true => format!("observers  {}", observers.join(", ")),
+        false if observers.is_empty() => "observers  none: nothing is recorded".to_owned(),
+        false => format!("observers  {}: nothing is recorded", observers.join(", ")),
+    }
 }
 
 #[cfg(test)]

@@ -28,6 +28,8 @@ use crate::transport::VehicleTransport;
 
 /// Time between rejected commands above which they are logged separately.
 const REJECTION_PAUSE: Span = Span::from_millis(1000);
+/// Time after the opening of the port within which a vehicle that is there answers.
+const LONGEST_START: Span = Span::from_millis(3000);
 
 /// Report to the daemon and to observers: sequence of the pose, stamps, state of the vehicle.
 pub type VehicleReport = (u64, Stamps, VehicleV1);
@@ -67,6 +69,8 @@ pub struct Bridge {
     stop_begun: bool,
     stop_sent: bool,
     was_answering: bool,
+    /// Instant at which the port was opened, until the vehicle answers or its silence is noted.
+    unanswered_since: Option<Time>,
     rejected: u64,
     rejected_at: Time,
 }
@@ -122,6 +126,7 @@ impl Bridge {
             stop_begun: false,
             stop_sent: false,
             was_answering: false,
+            unanswered_since: None,
             rejected: 0,
             rejected_at: Time::UNSET,
         }
@@ -130,6 +135,7 @@ impl Bridge {
     /// Starts sending on a port that was opened; the first frame is a zero set-point.
     pub fn open(&mut self, now: Time) {
         self.is_open = true;
+        self.unanswered_since = Some(now);
         self.gate.reset(now);
         self.monitor.reset();
         self.protocol.reset();
@@ -355,7 +361,10 @@ impl Bridge {
     fn note_changes(&mut self, now: Time, note: &mut dyn FnMut(Note)) {
         let is_answering = self.is_answering(now);
         let was_answering = std::mem::replace(&mut self.was_answering, is_answering);
-        if was_answering != is_answering && self.is_open {
+        let never_answers =
+            self.unanswered_since.is_some_and(|since| now.since(since) > LONGEST_START);
+        if self.is_open && (was_answering != is_answering || never_answers) {
+            self.unanswered_since = None;
             let damaged = self.protocol.damaged() + self.transport.damaged();
             note(if is_answering { Note::Answering } else { Note::Silent { damaged } });
         }

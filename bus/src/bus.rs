@@ -116,6 +116,14 @@ impl Bus {
         self.node.holder(&topic.spec())
     }
 
+    /// Names and ids of the processes that observe a topic: recorders, pages, monitors.
+    ///
+    /// # Errors
+    /// As [`Bus::holder`].
+    pub fn observers<M: Message>(&self, topic: &Topic<M>) -> Result<Vec<String>, BusError> {
+        self.node.observers(&topic.spec())
+    }
+
     /// Opens a listener for notifications of a topic.
     ///
     /// # Errors

@@ -63,6 +63,7 @@ impl ReaderPlace {
 pub(crate) trait OpenPorts: fmt::Debug {
     fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError>;
     fn holder(&self, topic: &TopicSpec) -> Result<Option<String>, BusError>;
+    fn observers(&self, topic: &TopicSpec) -> Result<Vec<String>, BusError>;
     fn reader(
         &self,
         topic: &TopicSpec,
@@ -220,6 +221,13 @@ impl OpenPorts for InstanceNode {
         Ok(writer.filter(|pid| !is_ending(*pid)).map(command_of))
     }
 
+    fn observers(&self, topic: &TopicSpec) -> Result<Vec<String>, BusError> {
+        let lock = self.membership.lock()?;
+        let living =
+            observers(&self.topic(&lock, topic)?).into_iter().filter(|pid| !is_ending(*pid));
+        Ok(living.map(command_of).collect())
+    }
+
     fn reader(
         &self,
         topic: &TopicSpec,
@@ -274,17 +282,23 @@ fn clean_up(node: &Node<ipc::Service>, lock: &InstanceLock<'_>) {
 /// Refuses another observer of a topic that has its maximum number of them. The caller holds the lock, under which readers are
 /// opened and closed.
 fn admit_observer(service: &TopicService, topic: &TopicSpec) -> Result<(), BusError> {
-    let mut holders = Vec::new();
-    service.dynamic_config().list_subscribers(|reader| {
-        if reader.subscriber_name.as_str() == ReaderPlace::Observer.name() {
-            holders.push(command_of(pid_of(&reader.node_id)));
-        }
-        CallbackProgression::Continue
-    });
+    let holders: Vec<String> = observers(service).into_iter().map(command_of).collect();
     if holders.len() < topic.quality.observers {
         return Ok(());
     }
     Err(BusError::Crowded { topic: topic.name, count: holders.len(), holders: holders.join(", ") })
+}
+
+/// Process ids of the observers of a topic.
+fn observers(service: &TopicService) -> Vec<u32> {
+    let mut pids = Vec::new();
+    service.dynamic_config().list_subscribers(|reader| {
+        if reader.subscriber_name.as_str() == ReaderPlace::Observer.name() {
+            pids.push(pid_of(&reader.node_id));
+        }
+        CallbackProgression::Continue
+    });
+    pids
 }
 
 /// Process id of the writer of a topic; `None` without one.

@@ -19,6 +19,7 @@ use oqtal_control::predictive::{
     Bias, Integration, ModelInput, Motion, MotionTracker, Rotation, VehicleModel,
 };
 use oqtal_control::quaternion::Attitude;
+use oqtal_control::trajectory::Reference;
 
 use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;
@@ -166,6 +167,13 @@ impl Envelope {
         ];
         let exceeded = limits.into_iter().find(|(_, is_kept)| !is_kept);
         exceeded.map_or(HandoverCause::None, |(cause, _)| cause)
+    }
+
+    /// Whether a vehicle that moves as `reference` could stop inside the fence by the margin.
+    pub(crate) fn has_stop(&self, reference: &Reference) -> bool {
+        let Reference { position, velocity, .. } = *reference;
+        let rest = self.rest(&Motion { position, velocity, ..Motion::default() });
+        self.fence.inside_m(&rest) >= self.margin_m
     }
 
     /// Where the vehicle comes to rest from `motion` \[m, world\].

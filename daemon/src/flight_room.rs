@@ -232,7 +232,7 @@ fn check_motion(
         check_demand(config, trajectory, lacks_room).and_then(|()| check_turns(config, trajectory));
     match (room, motion) {
         (Err(room), Err(motion)) => {
-            let allowed = format!("{}; besides, {motion}", room.allowed);
+            let allowed = format!("{}; with that room, {motion}", room.allowed);
             Err(OptionError { allowed, ..room })
         }
         (room, motion) => room.and(motion),

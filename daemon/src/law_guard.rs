@@ -26,9 +26,6 @@ const LONGEST_MULTIPLE: u32 = 4;
 /// Roll or pitch command, as a share of its range, above which the fallback's yaw command is reduced \[-\].
 const YAW_GIVES_WAY: f64 = 0.5;
 
-/// Distance by which a vehicle may be below its reference \[m\].
-const BELOW_REFERENCE_M: f64 = 0.05;
-
 /// A tick in which a law is selected.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedTick<'a> {
@@ -313,19 +310,6 @@ pub(crate) fn note_on_fallback(present: &Config, next: &Config) -> Option<String
     changed.iter().any(is_own).then(|| {
         "the fallback law keeps the gains of the daemon's start; a change of [control] reaches it when the daemon starts again"
             .to_owned()
-    })
-}
-
-/// Note that the fallback flies in place of the law of `config` where a path has its least height above the floor, `lowest_m` \[m\];
-/// `None` if the path is high enough, or no fallback flies.
-pub(crate) fn note_below_envelope(config: &Config, lowest_m: f64) -> Option<String> {
-    let is_guarded = config.control.is_external() || config.control.of_fallback().is_some();
-    let margin_m = config.envelope.fence_margin_m;
-    (is_guarded && lowest_m < margin_m + BELOW_REFERENCE_M).then(|| {
-        format!(
-            "at {lowest_m:.2} m above the floor the fallback law flies instead of control.controller = \"{}\": it takes over whenever the vehicle could not stop envelope.fence-margin-m = {margin_m} above the floor",
-            config.control.controller
-        )
     })
 }
 

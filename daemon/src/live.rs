@@ -22,13 +22,13 @@ use crate::fence::require_braking;
 use crate::flight_room::{
     fitting_starts, require_flyable, require_flyable_in_flight, require_target,
 };
-use crate::law_guard::{LiveGuard, note_below_envelope, of_stack};
+use crate::law_guard::{LiveGuard, of_stack};
 use crate::limits::LoopLimits;
 use crate::refusal::Refusal;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
-use crate::warnings::{oscillates, quick_warnings, without_effect};
+use crate::warnings::{note_below_envelope, oscillates, quick_warnings, without_effect};
 use crate::waypoint_file::{ReadSettings, WAYPOINTS_KEY, require_regular_file};
 
 /// Number of changes of settings that can be taken back \[-\].

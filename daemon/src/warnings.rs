@@ -1,6 +1,7 @@
 //! Warnings before a flight: settings that the flight cannot satisfy. The flight takes place nevertheless.
 
 mod disturbances;
+mod guarded;
 mod hover;
 mod law;
 mod model_flight;
@@ -8,6 +9,7 @@ mod path;
 mod simulated;
 mod steps;
 
+pub(crate) use guarded::note_below_envelope;
 pub(crate) use hover::oscillates;
 pub(crate) use law::without_effect;
 
@@ -74,12 +76,13 @@ fn warnings_along(
     all.extend(implausible(config));
     all.extend(law::replaced(config));
     all.extend(law::feed_forward_off(config));
+    all.extend(law::feed_forward_unused(config));
     all.extend(simulated::too_old(config));
     all.extend(simulated::markers_unused(config));
     all.extend(simulated::rotors(config));
     all.extend(waypoints_unused(config));
     all.extend(law::position_gains_unused(config));
-    all.extend(law::too_low(samples, config));
+    all.extend(law::outside_envelope(samples, config));
     let (path, limits) = (&config.trajectory, &config.position);
     let jerks =
         path.kind == TrajectoryKind::Waypoints && path.waypoints_curve == WaypointCurve::Monotone;

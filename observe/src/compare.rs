@@ -113,7 +113,7 @@ impl Comparison {
     }
 
     fn flown(&self) -> NamedTable {
-        let outcome = |flight: &Flight| match (flight.outcome, flight.cause()) {
+        let outcome = |flight: &Flight| match (flight.outcome, flight.shortfall()) {
             (outcome, Some(cause)) if cause != outcome.to_string() => format!("{outcome}: {cause}"),
             (outcome, _) => outcome.to_string(),
         };

@@ -336,7 +336,7 @@ impl ObeyedStop {
             )
             .into(),
             (false, false) => self.unconfirmed.map_or(
-                "no vehicle has obeyed: neither plant-sim nor bridge runs; the stop stays raised until every process of the instance has ended",
+                "no vehicle has obeyed: neither plant-sim nor bridge runs; a bridge or plant-sim that is started now obeys the stop",
                 Unconfirmed::text,
             )
             .into(),

@@ -21,6 +21,8 @@ use crate::wanted::WantedParameter;
 
 /// Time within which a heartbeat must come.
 const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
+/// Note below the table if parameters were set.
+const RESTART: &str = "restart the autopilot now: some parameters take effect at its start\n";
 /// Period of own heartbeats, which some autopilots need before they answer.
 const HEARTBEAT_PERIOD: Span = Span::from_millis(500);
 
@@ -44,7 +46,10 @@ pub(super) fn set_up(
     let all_right = reports.iter().all(ParameterReport::is_right);
     let firmware = AutopilotFirmware::Known(session.kind);
     let title = format!("{firmware} of system {}", session.vehicle.system);
-    Ok((table(&title, reports.iter().map(ParameterReport::line)), all_right))
+    let rows = table(&title, reports.iter().map(ParameterReport::line));
+    let has_set = reports.iter().any(|report| report.set.is_some());
+    let restart = if has_set { RESTART } else { "" };
+    Ok((format!("{rows}{restart}"), all_right))
 }
 
 /// Exchange of parameters with one vehicle.

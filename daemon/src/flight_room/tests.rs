@@ -231,7 +231,8 @@ fn where_the_vehicle_could_only_brake_below_the_floor_no_fence_is_a_remedy() {
         "fence.z-m=[-0.5, 9.0]",
     ];
     let told = refused(&[&fast[..], &["trajectory.height-m=1.8"]].concat(), None).unwrap();
-    let both = "besides, `vehicle.rate-authority-rad-s` is 2, it must be at least 2.87 rad/s";
+    let both =
+        "with that room, `vehicle.rate-authority-rad-s` is 2, it must be at least 2.87 rad/s";
     assert!(told.contains(both), "{told}");
     let with = |setting: &str| check(&[&fast[..], &[setting]].concat(), Some(Vector3::zeros()));
     let remedy = "it needs trajectory.lemniscate.period-s and ramp-s multiplied by ";

@@ -4,7 +4,8 @@ use oqtal_config::Config;
 use oqtal_control::controller::{ControlOptions, ControllerName};
 use oqtal_control::trajectory::{Phase, Reference};
 
-use crate::law_guard::{note_below_envelope, note_on_fallback};
+use super::guarded::{note_below_envelope, note_near_fence};
+use crate::law_guard::note_on_fallback;
 
 /// Note that the configured law has no effect, because the vehicle has its own attitude loop.
 pub(super) fn replaced(config: &Config) -> Option<String> {
@@ -30,24 +31,41 @@ pub(super) fn feed_forward_off(config: &Config) -> Option<String> {
     of(flown, what).or_else(|| of(fallback.as_ref()?, "fallback law"))
 }
 
+/// Note on a feed-forward that is set and has no effect: only the predictive stack gives the law the rates of the reference.
+pub(super) fn feed_forward_unused(config: &Config) -> Option<String> {
+    let (control, law) = (&config.control, config.control.controller);
+    let is_unused = feed_forward(control, law) == Some(true) && !control.is_predictive();
+    is_unused.then(|| {
+        format!(
+            "control.{law}.feed-forward has no effect with control.stack = \"default\", in which laws get no rate of the reference; set control.stack to \"predictive\""
+        )
+    })
+}
+
 /// The built-in law of `control` if it is in the predictive stack and does not use the rate of the reference.
 pub(super) fn lacks_feed_forward(control: &ControlOptions) -> Option<ControllerName> {
     let law = control.built_in();
-    let is_off = match law {
-        ControllerName::Pid => !control.pid.feed_forward,
-        ControllerName::Lqr => !control.lqr.feed_forward,
-        ControllerName::Oqtal => !control.oqtal.feed_forward,
-        _ => false,
-    };
-    (control.is_predictive() && is_off).then_some(law)
+    (control.is_predictive() && feed_forward(control, law) == Some(false)).then_some(law)
 }
 
-/// Note that a part of the path is so low that a guarded law cannot fly it.
-pub(super) fn too_low(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
-    let is_flight =
-        |reference: &&Reference| matches!(reference.phase, Phase::Settle | Phase::Trajectory);
-    let flown = samples.iter().map(|(_, reference)| reference).filter(is_flight);
-    note_below_envelope(config, flown.map(|it| it.position.z).fold(f64::INFINITY, f64::min))
+/// Whether the paper's law `law` uses the rate of the reference; `None` for another law.
+fn feed_forward(control: &ControlOptions, law: ControllerName) -> Option<bool> {
+    match law {
+        ControllerName::Pid => Some(control.pid.feed_forward),
+        ControllerName::Lqr => Some(control.lqr.feed_forward),
+        ControllerName::Oqtal => Some(control.oqtal.feed_forward),
+        _ => None,
+    }
+}
+
+/// Note that a part of the path is so low, or so close to the fence, that a guarded law cannot fly it.
+pub(super) fn outside_envelope(samples: &[(f64, Reference)], config: &Config) -> Option<String> {
+    let is_flight = |(_, reference): &&(f64, Reference)| {
+        matches!(reference.phase, Phase::Settle | Phase::Trajectory)
+    };
+    let flown: Vec<_> = samples.iter().filter(is_flight).collect();
+    let lowest_m = flown.iter().map(|(_, it)| it.position.z).fold(f64::INFINITY, f64::min);
+    note_below_envelope(config, lowest_m).or_else(|| note_near_fence(config, flown))
 }
 
 /// Note that gains of position loops are changed that do not fly.

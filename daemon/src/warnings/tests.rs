@@ -57,6 +57,13 @@ fn f70_a_path_on_which_the_envelope_leaves_the_law_no_room_is_told() {
         let text = height(low, guarded);
         assert!(text.contains("at 0.20 m above the floor the fallback law flies"), "{text}");
         assert_eq!(height(high, guarded), "", "{guarded}");
+        // To 2 m beside the start, at 1 m/s.
+        let circle = ["trajectory.kind=circle", "trajectory.circle.radius-m=1", guarded];
+        let fast = ["trajectory.circle.period-s=6.283", "position.horizontal-velocity-limit-m-s=2"];
+        let near = |x: &str| told(&[&circle[..], &fast, &[x]].concat(), None).join("\n");
+        let text = near("fence.x-m=[-2.5, 0.7]");
+        assert!(text.contains("m/s, the fallback law flies instead of"), "{text}");
+        assert!(!near("fence.x-m=[-5, 5]").contains("fallback law"), "{guarded}");
     }
     assert_eq!(height(low, "control.controller=geometric"), "");
 }

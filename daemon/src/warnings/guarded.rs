@@ -1,0 +1,39 @@
+//! Notes on a path that a guarded law cannot fly: the fallback flies in its place.
+
+use oqtal_config::Config;
+use oqtal_control::trajectory::Reference;
+
+use crate::envelope::Envelope;
+
+/// Distance by which a vehicle may be below its reference \[m\].
+const BELOW_REFERENCE_M: f64 = 0.05;
+
+/// Note that the fallback flies in place of the law of `config` where a path has its least height above the floor, `lowest_m` \[m\];
+/// `None` if the path is high enough, or no fallback flies.
+pub(crate) fn note_below_envelope(config: &Config, lowest_m: f64) -> Option<String> {
+    let is_guarded = config.control.is_external() || config.control.of_fallback().is_some();
+    let margin_m = config.envelope.fence_margin_m;
+    (is_guarded && lowest_m < margin_m + BELOW_REFERENCE_M).then(|| {
+        format!(
+            "at {lowest_m:.2} m above the floor the fallback law flies instead of control.controller = \"{}\": it takes over whenever the vehicle could not stop envelope.fence-margin-m = {margin_m} above the floor",
+            config.control.controller
+        )
+    })
+}
+
+/// Note that the fallback flies in place of the law of `config` from where the vehicle, in the motion of one of the references `flown`, of
+/// these times from arming \[s\], could not stop inside the fence; `None` if it could everywhere, or no fallback flies.
+pub(crate) fn note_near_fence(config: &Config, flown: Vec<&(f64, Reference)>) -> Option<String> {
+    if !(config.control.is_external() || config.control.of_fallback().is_some()) {
+        return None;
+    }
+    let envelope = Envelope::new(config).ok()?;
+    let (t_s, near) = flown.into_iter().find(|(_, reference)| !envelope.has_stop(reference))?;
+    let ([x, y, z], speed_m_s): ([f64; 3], f64) = (near.position.into(), near.velocity.norm());
+    Some(format!(
+        "at {:.1} s, at [{x:.2}, {y:.2}, {z:.2}] m and {speed_m_s:.2} m/s, the fallback law flies instead of control.controller = \"{}\": it takes over whenever the vehicle could not stop envelope.fence-margin-m = {} inside [fence]; lower that margin, widen the fence, or fly more slowly",
+        t_s - config.trajectory.start_s(),
+        config.control.controller,
+        config.envelope.fence_margin_m
+    ))
+}
