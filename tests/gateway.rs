@@ -14,7 +14,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 
 use crate::common::network::free_port;
-use crate::common::{Running, Testbed, json, skipped, stderr, wait_for};
+use crate::common::{Running, Testbed, json, skipped, state_of, stderr, wait_for};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/stream_references.py");
 
@@ -102,6 +102,37 @@ fn a_stop_and_a_landing_wait_for_no_other_request() {
     // An `arm` among them would end the stop.
     let refused = replies.iter().filter(|reply| reply.contains("requested after it")).count();
     assert!(refused >= 2, "{replies:#?}");
+}
+
+#[test]
+fn an_arm_that_waited_in_a_suspended_gateway_begins_no_flight_after_a_stop() {
+    let testbed = Testbed::new("gateway-suspended");
+    let _processes = testbed.services();
+    testbed.wait_for_daemon();
+    let gateway = gateway(&testbed, &[]);
+    let program = UnixDatagram::bind(testbed.path("program.sock")).unwrap();
+    program.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    let socket = testbed.paths().directory().join("gateway.sock");
+    let mut ask = |words: &[&str], between: &dyn Fn()| {
+        gateway.signal(Signal::STOP);
+        wait_for("the suspension", || (state_of(gateway.id()) == Some('T')).then_some(()));
+        for word in words {
+            let text = format!("{{\"version\": 1, \"request\": \"{word}\"}}");
+            program.send_to(text.as_bytes(), &socket).unwrap();
+        }
+        between();
+        gateway.signal(Signal::CONT);
+        let mut reply = [0; 4096];
+        let length = program.recv(&mut reply).unwrap();
+        String::from_utf8_lossy(&reply[..length]).into_owned()
+    };
+    let stop = || drop(testbed.oqtal(&["ctl", "stop"]).output().unwrap());
+    let told = ask(&["arm"], &stop);
+    assert!(told.contains("\"refused\"") && told.contains("called off by a later stop"), "{told}");
+    let status = json(&testbed.oqtal(&["ctl", "status", "--json"]).output().unwrap());
+    assert_eq!(status["mode"], "disarmed", "{status:#}");
+    // A request that waited for a short time alone is executed.
+    assert!(ask(&["status"], &|| ()).contains("\"done\""));
 }
 
 #[test]
