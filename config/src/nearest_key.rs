@@ -115,8 +115,8 @@ mod tests {
         };
         let text = told("vehicle-mass-kg", "OQTAL_VEHICLE_MASS_KG", "unknown key `x`");
         assert!(text.ends_with("the variable OQTAL_VEHICLE__MASS_KG?"), "{text}");
-        let text = told("instance", "OQTAL_INSTANCE", "not a table");
-        assert!(text.contains("as `OQTAL_INSTANCE__"), "{text}");
+        let text = told("mocap", "OQTAL_MOCAP", "not a table");
+        assert!(text.contains("as `OQTAL_MOCAP__"), "{text}");
         assert_eq!(told("vehicle.mass-kg", "--set", "not a number"), "not a number");
     }
 }
