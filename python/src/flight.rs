@@ -15,9 +15,7 @@ use oqtal_observe::csv::{self, ColumnValues};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::provenance::Provenance;
 use oqtal_observe::recorder::Recorder;
-use oqtal_observe::recording::{
-    self, McapRecorder, RecordingFile, RecordingFileError, RecordingPlan,
-};
+use oqtal_observe::recording::{self, McapRecorder, RecordingFileError, RecordingPlan};
 use oqtal_observe::report;
 use oqtal_observe::summary::Summary;
 use oqtal_runtime::files;
