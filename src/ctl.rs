@@ -280,13 +280,12 @@ fn names_configurations(response: &ControlResponseV1) -> bool {
     obstacles.any(|obstacle| obstacle == ArmingObstacle::Configuration)
 }
 
-/// Line on the processes that observe the instance: without a recorder no flight of services is recorded.
+/// Line on the recorders, pages and monitors of the instance.
 fn observed_by(bus: &Bus) -> String {
-    let observers = bus.observers(&TELEMETRY).unwrap_or_default();
-    match observers.iter().any(|it| it.contains(" record`") || it.contains(" fly`")) {
-        true => format!("observers  {}", observers.join(", ")),
-        false if observers.is_empty() => "observers  none: nothing is recorded".to_owned(),
-        false => format!("observers  {}: nothing is recorded", observers.join(", ")),
+    match bus.observers(&TELEMETRY) {
+        Ok(observers) if observers.is_empty() => "observers  none".to_owned(),
+        Ok(observers) => format!("observers  {}", observers.join(", ")),
+        Err(error) => format!("observers  unknown: {error}"),
     }
 }
 

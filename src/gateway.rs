@@ -39,7 +39,7 @@ const SOCKET: &str = "gateway.sock";
 /// Time after the loss of files for which programs can still reach the processes that land.
 const LONGEST_LOSS: Span = Span::from_millis(10_000);
 
-/// Time for which datagrams may have waited without being dated by it.
+/// Longest wait in the queue after which a reference is still dated by its reception.
 const LONGEST_WAIT: Span = Span::from_millis(100);
 
 /// `oqtal gateway`.
@@ -173,7 +173,7 @@ impl Gateway<'_> {
                 self.follow(*reference, &sender, now).map_err(|reason| (sender, reason))
             }
             Ok(Content::Request { command, arguments }) => {
-                self.requests.push((&command, arguments), sender, after)
+                self.requests.push((&command, arguments), sender, (after, now))
             }
             Err(reason) => Err((sender, reason)),
         }

@@ -45,10 +45,14 @@ impl InfoArgs {
     /// Prints version, machine, configuration hash, flights and topics of the recording, or the flights of a directory.
     ///
     /// # Errors
-    /// The file is not a recording (exit code 65), or the directory has none (65).
+    /// The file, or one of the directory, is not a recording (exit code 65) or of another version (76), or the directory has none (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        print(&if self.file.is_dir() { self.directory()? } else { self.recording()? })?;
-        Ok(Exit::Ok)
+        let (text, exit) = match self.file.is_dir() {
+            true => self.directory()?,
+            false => (self.recording()?, Exit::Ok),
+        };
+        print(&text)?;
+        Ok(exit)
     }
 
     fn recording(&self) -> Result<String, Failure> {
@@ -62,7 +66,7 @@ impl InfoArgs {
     }
 
     /// The flights of all recordings below the directory, the oldest first. A file that cannot be read is named.
-    fn directory(&self) -> Result<String, Failure> {
+    fn directory(&self) -> Result<(String, Exit), Failure> {
         let mut files = Vec::new();
         collect(&self.file, 2, &mut files);
         if files.is_empty() {
@@ -70,18 +74,21 @@ impl InfoArgs {
             return Err(Failure::new(Exit::Data, message));
         }
         files.sort();
-        let mut listed = Vec::new();
+        let (mut listed, mut exit) = (Vec::new(), Exit::Ok);
         for (_, path) in files {
             match recordings::read(&path).and_then(|file| flights(&file)) {
                 Ok(flights) => listed.push(Listed { file: path.display().to_string(), flights }),
-                Err(failure) => say(&format!("oqtal: {failure}")),
+                Err(failure) => {
+                    say(&format!("oqtal: {failure}"));
+                    exit = failure.exit;
+                }
             }
         }
         if self.json {
-            return Ok(as_json(&listed));
+            return Ok((as_json(&listed), exit));
         }
         let rows: Vec<_> = listed.into_iter().map(|it| (it.file, it.flights)).collect();
-        Ok(list(&rows))
+        Ok((list(&rows), exit))
     }
 }
 

@@ -51,6 +51,23 @@ pub fn stem(path: &Path) -> PathBuf {
     }
 }
 
+/// Requires that `path` names a whole recording.
+///
+/// # Errors
+/// It names one flight of several (exit code 64): a replay needs everything from the start of the daemon on.
+pub fn require_whole(path: &Path) -> Result<(), Failure> {
+    match recording::numbered(path) {
+        (_, None) => Ok(()),
+        (file, Some(_)) => {
+            let message = format!(
+                "a replay needs the recording from the start of its daemon on: oqtal replay {}",
+                file.display()
+            );
+            Err(Failure::new(Exit::Usage, message))
+        }
+    }
+}
+
 /// Requires that the recording at `path`, of `flight`, has at most one flight.
 ///
 /// # Errors

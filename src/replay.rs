@@ -85,6 +85,7 @@ impl ReplayArgs {
     /// The file is not a recording or is incomplete, or a setting is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let out = self.free_out()?;
+        recordings::require_whole(&self.file)?;
         let file = recordings::read(&self.file)?;
         let config = self.config(&file)?;
         let mut histories = InputHistory::default();

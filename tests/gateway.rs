@@ -113,7 +113,7 @@ fn an_arm_that_waited_in_a_suspended_gateway_begins_no_flight_after_a_stop() {
     let program = UnixDatagram::bind(testbed.path("program.sock")).unwrap();
     program.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
     let socket = testbed.paths().directory().join("gateway.sock");
-    let mut ask = |words: &[&str], between: &dyn Fn()| {
+    let ask = |words: &[&str], between: &dyn Fn()| {
         gateway.signal(Signal::STOP);
         wait_for("the suspension", || (state_of(gateway.id()) == Some('T')).then_some(()));
         for word in words {

@@ -9,7 +9,8 @@ use std::path::PathBuf;
 pub enum BusError {
     /// Another writer holds the topic.
     #[error(
-        "topic `{topic}` of instance `{instance}` is held by {holder}; a vehicle in flight falls if that process is ended: land it first, or use another --instance"
+        "topic `{topic}` of instance `{instance}` is held by {holder}; {}, or use another --instance",
+        how_to_end(topic)
     )]
     Held {
         /// The topic.
@@ -130,4 +131,11 @@ impl BusError {
 pub(crate) fn free_kib() -> Option<u64> {
     let space = rustix::fs::statvfs("/dev/shm").ok()?;
     Some(space.f_bavail.saturating_mul(space.f_frsize) / 1024)
+}
+/// Remedy for a topic that another process writes: without the writers of most, a vehicle in flight falls.
+fn how_to_end(topic: &str) -> &'static str {
+    match topic {
+        "reference" | "external" | "event" => "end that process first",
+        _ => "a vehicle in flight falls if that process is ended: land it first",
+    }
 }

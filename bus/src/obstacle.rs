@@ -43,6 +43,8 @@ code! {
         NotSetUp = 16 => "the bridge is still setting the vehicle up, which takes some seconds; if this stays, restart the vehicle",
         /// The stop sequence after the last flight is being sent.
         MotorsStopping = 17 => "the motors are being stopped after the last flight, which takes about a second",
+        /// The vehicle reports running motors although none are commanded.
+        MotorsRunning = 18 => "the motors of the vehicle run although none are commanded: do not approach it, stop them by an operator's stop",
     }
 }
 

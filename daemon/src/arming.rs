@@ -56,6 +56,12 @@ impl ArmingPath {
     }
 }
 
+/// Whether a real vehicle, which no flight commands, reports that its motors run: those of a bridge that was killed in flight.
+fn runs_uncommanded(vehicle: &VehicleV1) -> bool {
+    let is_held = vehicle.control == ControlHolder::Another.code();
+    vehicle.simulated == 0 && vehicle.armed != 0 && !vehicle.is_being_stopped() && !is_held
+}
+
 /// The check before a flight.
 #[derive(Clone, Debug)]
 pub struct ArmingCheck {
@@ -135,6 +141,7 @@ impl ArmingCheck {
             .with(O::NoTimeOut, real && !acts && is_set_up)
             .with(O::NotSetUp, !is_set_up)
             .with(O::MotorsStopping, view.vehicle.is_some_and(VehicleV1::is_being_stopped))
+            .with(O::MotorsRunning, view.vehicle.is_some_and(runs_uncommanded))
             .with(O::Locked, refuses(VehicleRefusal::Locked))
             .with(O::NoPoses, !view.poses_good || view.last.is_none())
             .with(O::VehicleSilent, view.vehicle.is_none())

@@ -9,7 +9,6 @@ use oqtal_bus::control::ControlServer;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{EventV1, HealthV1, PoseV1, Stamps};
 use oqtal_bus::obeying::starting_command;
-use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{EVENT, POSE, Role};
@@ -19,13 +18,13 @@ use oqtal_config::{
 };
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::files;
-use oqtal_runtime::flight_marker::FlightMarker;
 use oqtal_runtime::health::{Health, Heartbeat};
 use oqtal_runtime::kept_file::KeptFile;
 use oqtal_runtime::process::{Failure, ProcessContext};
 
 use crate::condition::Condition;
 use crate::cycle::FirstFlight;
+use crate::flight_marker::InFlightMarker;
 use crate::law_socket::{ConnectionSlot, LawListener};
 use crate::live::LiveSettings;
 use crate::operator::OperatorRequests;
@@ -135,7 +134,7 @@ pub struct DaemonWorker {
     pose_rate: PoseRate,
     law: Option<LawListener>,
     file: ConfigFile,
-    flight: FlightMark,
+    in_flight: InFlightMarker,
     log: RequestLog,
     // The ports live as long as the bus they were opened on.
     bus: Bus,
@@ -177,7 +176,8 @@ impl DaemonWorker {
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
         let poses = bus.reader(&POSE)?;
         let file = ConfigFile::begin(path, context, comments, is_chain);
-        let (flight, log) = (FlightMark::of(context, bus.paths()), RequestLog::default());
+        let in_flight = InFlightMarker::of(bus.paths(), &context.config.safety, context.is_child);
+        let log = RequestLog::default();
         Ok(Self {
             requests,
             server,
@@ -190,7 +190,7 @@ impl DaemonWorker {
             pose_rate: PoseRate::default(),
             law,
             file,
-            flight,
+            in_flight,
             log,
             bus,
         })
@@ -216,7 +216,7 @@ impl BackgroundWorker for DaemonWorker {
         self.file.keep(&self.bus);
         self.watch_poses();
         let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
-        let Self { events, law, log, file, flight, bus, .. } = self;
+        let Self { events, law, log, file, in_flight, bus, .. } = self;
         requests.take_changes();
         law.iter_mut().for_each(LawListener::poll);
         requests.lacks_law = law.as_ref().is_some_and(|law| !law.has_law());
@@ -244,42 +244,11 @@ impl BackgroundWorker for DaemonWorker {
             tracing::warn!("{error}");
         }
         let Condition { mode, state, cause, obstacles, unlogged, .. } = requests.last;
-        if !bus.is_lost() {
-            flight.note(Mode::from_code(mode).is_some_and(Mode::commands_motors));
-        }
+        let is_flying = Mode::from_code(mode).is_some_and(Mode::commands_motors);
+        in_flight.note(is_flying, bus.is_lost());
         let health = HealthV1 { state, mode, cause, obstacles, unlogged, ..HealthV1::default() };
         if let Err(error) = heartbeat.beat(health) {
             tracing::warn!("{error}");
-        }
-    }
-}
-
-/// The mark of a flight, while it lasts.
-struct FlightMark {
-    /// `None` for a daemon that does not mark its flights.
-    marker: Option<FlightMarker>,
-    is_set: bool,
-}
-
-impl FlightMark {
-    fn of(context: &ProcessContext, paths: &InstancePaths) -> Self {
-        let is_marked = !context.is_child && !context.config.safety.observe_only;
-        Self { marker: is_marked.then(|| FlightMarker::in_flight(paths)), is_set: false }
-    }
-
-    /// Sets or removes the mark when a flight begins or ends.
-    fn note(&mut self, is_flying: bool) {
-        let Some(marker) = self.marker.as_ref().filter(|_| is_flying != self.is_set) else {
-            return;
-        };
-        self.is_set = is_flying;
-        match is_flying {
-            true => marker.ensure_set().unwrap_or_else(|error| {
-                tracing::warn!(
-                    "if this daemon ends in flight, the next one does not know of it: the marker cannot be written: {error}"
-                );
-            }),
-            false => marker.remove(),
         }
     }
 }

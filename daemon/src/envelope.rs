@@ -3,9 +3,9 @@
 //!
 //! A command that is sent now acts until the next one does, or the one after it if that one is lost: it is held for two periods.
 //! Then the prediction turns the vehicle level, as the fallback law would, until the horizon, and on until it is level: a tilted
-//! vehicle gains speed. In all that time tilt, rate, speed and heading must be within their limits, and from every point the vehicle must come
-//! to rest inside the fence and above the floor: after the time in which it turns to the tilt that brakes, with part of the
-//! acceleration that the position loops command. This is a test of one step: the state after it is one from which the
+//! vehicle gains speed. In all that time tilt, rate, speed and heading must be within their limits, and from every point the vehicle
+//! must come to rest inside the fence and above the floor: after the time in which it turns to the tilt that brakes, with part of
+//! the acceleration that the position loops command. This is a test of one step: the state after it is one from which the
 //! fallback recovers, so that the next tick may still refuse the law (L. Sha, *Using simplicity to control complexity*, IEEE
 //! Software 18, 2001). Holding the command for the whole horizon instead would refuse every law that turns at full stick.
 

@@ -4,8 +4,6 @@ use std::sync::Arc;
 
 use nalgebra::{Vector2, Vector3};
 use oqtal_config::{Config, FenceOptions};
-use oqtal_control::options::OptionError;
-use oqtal_runtime::process::Failure;
 
 /// Share of the greatest acceleration with which a vehicle brakes \[-\]; the rest is for corrections.
 const BRAKING_SHARE: f64 = 0.75;
@@ -19,24 +17,6 @@ pub(crate) struct Braking {
     vertical_m_s2: f64,
     /// Reaction time until the vehicle brakes: delay of the command, lag, and the turn of the attitude \[s\].
     pub(crate) reaction_s: f64,
-}
-
-/// Least limit of the tilt to which it is lowered in flight \[deg\]: at 2 m/s a vehicle then takes some 5 m to stop.
-const LEAST_LOWERED_TILT_DEG: f64 = 3.0;
-
-/// Requires that a fast vehicle can still stop if the settings `present` become `next` in flight.
-///
-/// # Errors
-/// The limit of the tilt becomes too low (exit code 78).
-pub(crate) fn require_braking(present: &Config, next: &Config) -> Result<(), Failure> {
-    let [before_deg, deg] = [present, next].map(|config| config.position.tilt_limit_deg);
-    if deg >= before_deg || deg >= LEAST_LOWERED_TILT_DEG {
-        return Ok(());
-    }
-    let allowed = format!(
-        "at least {LEAST_LOWERED_TILT_DEG} if it is lowered while the daemon runs: a vehicle that is fast could not stop inside the fence; start the daemon with a lower one"
-    );
-    Err(next.locate(&OptionError::new("position.tilt-limit-deg", deg, allowed)).into())
 }
 
 impl Braking {

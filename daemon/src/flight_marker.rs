@@ -1,5 +1,5 @@
-//! Flight markers of a daemon's run, left set by an end without good order: one while the daemon may take off automatically, one during
-//! each flight.
+//! Markers that a daemon leaves to the next one: one while it may take off automatically, left by an end without good order; one during each
+//! flight, left by an end in flight.
 
 use oqtal_bus::code::Cause;
 use oqtal_bus::paths::InstancePaths;
@@ -8,9 +8,9 @@ use oqtal_runtime::flight_marker::FlightMarker;
 
 use crate::cycle::Cycle;
 
-/// The marker during a run. An observer flies nothing, and changes nothing.
+/// The marker against automatic flights. An observer flies nothing, and changes nothing.
 #[derive(Debug)]
-pub(crate) struct RunMarker {
+pub(crate) struct TakeOffMarker {
     marker: FlightMarker,
     is_observer: bool,
     /// Whether an automatic flight is cancelled.
@@ -19,13 +19,14 @@ pub(crate) struct RunMarker {
     pub(crate) cause: Cause,
 }
 
-impl RunMarker {
+impl TakeOffMarker {
     /// Claims the marker of the instance at `paths` if a flight at start-up is configured, and cancels that flight of `cycle` if the marker
     /// was set, or if the daemon before ended in flight: then this one begins in Stop. The command that starts a child reports that end.
     pub(crate) fn begin(
         paths: &InstancePaths,
         safety: &SafetyOptions,
-        (cycle, is_child): (&mut Cycle, bool),
+        cycle: &mut Cycle,
+        is_child: bool,
     ) -> Self {
         let (marker, is_observer) = (FlightMarker::of(paths), safety.observe_only);
         let was_set = marker.is_set();
@@ -58,6 +59,45 @@ impl RunMarker {
     }
 }
 
+/// The marker of flights, for the background thread.
+#[derive(Debug)]
+pub(crate) struct InFlightMarker {
+    /// `None` for an observer.
+    marker: Option<FlightMarker>,
+    /// Whether the command that started the daemon reports its end: then only marks of earlier flights are removed.
+    is_child: bool,
+    has_flown: bool,
+    has_warned: bool,
+}
+
+impl InFlightMarker {
+    /// The marker of the instance at `paths`, for the daemon of a command if `is_child`.
+    pub(crate) fn of(paths: &InstancePaths, safety: &SafetyOptions, is_child: bool) -> Self {
+        let marker = (!safety.observe_only).then(|| FlightMarker::in_flight(paths));
+        Self { marker, is_child, has_flown: false, has_warned: false }
+    }
+
+    /// Sets the marker during a flight, and removes it after one. After a loss of files it is not set: the root may belong to another run.
+    pub(crate) fn note(&mut self, is_flying: bool, is_lost: bool) {
+        let Some(marker) = &self.marker else { return };
+        self.has_flown |= is_flying;
+        let marks = is_flying && !self.is_child;
+        match marker.is_set() {
+            false if marks && !is_lost => {
+                if let Err(error) = marker.ensure_set()
+                    && !std::mem::replace(&mut self.has_warned, true)
+                {
+                    tracing::warn!(
+                        "if this daemon ends in flight, the next one does not know of it: the marker cannot be written: {error}"
+                    );
+                }
+            }
+            true if self.has_flown && !marks => marker.remove(),
+            _ => {}
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use oqtal_bus::time::Time;
@@ -75,7 +115,7 @@ mod tests {
         let begin = || {
             let path = trajectory(&config).unwrap();
             let mut cycle = Cycle::new(&config, path, Time::VIRTUAL_START).unwrap();
-            let run = RunMarker::begin(&paths, &config.safety, (&mut cycle, false));
+            let run = TakeOffMarker::begin(&paths, &config.safety, &mut cycle, false);
             (run, cycle)
         };
         let is_set = || FlightMarker::of(&paths).is_set();
@@ -90,6 +130,29 @@ mod tests {
     }
 
     #[test]
+    fn a_flight_is_marked_while_it_lasts_and_that_of_a_command_removes_an_older_mark() {
+        let directory = tempfile::tempdir().unwrap();
+        let paths = InstancePaths::new("flight", Some(directory.path())).unwrap();
+        let marker = || FlightMarker::in_flight(&paths);
+        let of = |is_child| InFlightMarker::of(&paths, &Config::default().safety, is_child);
+        let mut service = of(false);
+        service.note(true, false);
+        assert!(marker().is_set());
+        of(false).note(false, false);
+        assert!(marker().is_set(), "a daemon that has not flown knows nothing of that flight");
+        marker().remove();
+        service.note(true, true);
+        assert!(!marker().is_set(), "files are lost");
+        service.note(true, false);
+        assert!(marker().is_set(), "written again");
+        service.note(false, true);
+        assert!(!marker().is_set());
+        marker().ensure_set().unwrap();
+        of(true).note(true, false);
+        assert!(!marker().is_set());
+    }
+
+    #[test]
     fn after_a_daemon_that_ended_in_flight_the_next_one_begins_in_stop() {
         let directory = tempfile::tempdir().unwrap();
         let paths = InstancePaths::new("fallen", Some(directory.path())).unwrap();
@@ -101,7 +164,7 @@ mod tests {
         };
         for (is_child, cause) in [(false, Cause::EndedInFlight), (true, Cause::None)] {
             let mut cycle = cycle();
-            let run = RunMarker::begin(&paths, &config.safety, (&mut cycle, is_child));
+            let run = TakeOffMarker::begin(&paths, &config.safety, &mut cycle, is_child);
             assert_eq!((run.cause, run.stays), (cause, !is_child));
             assert_eq!(cycle.awaits_arm(), !is_child);
         }

@@ -6,7 +6,7 @@ use oqtal_bus::time::Time;
 
 /// The record of the start of the daemon: `stays` if the automatic flight at start-up was cancelled, with the cause of the Stop in which
 /// the daemon begins, `expects_flight` if the command that started the daemon will request one.
-pub fn start(now: Time, (stays, cause): (bool, Cause), expects_flight: bool) -> InputV1 {
+pub fn start(now: Time, stays: bool, cause: Cause, expects_flight: bool) -> InputV1 {
     let (kind, stays, cause) = (InputKind::Start.code(), u8::from(stays), cause.code());
     let request = if expects_flight { OperatorCommand::Fly.code() } else { 0 };
     InputV1 { time: now, kind, request, stays, cause, ..InputV1::default() }

@@ -89,7 +89,8 @@ impl SocketLaw {
         }
     }
 
-    /// Ends a connection that failed, for the second descriptor of the listener too: a law may have closed one direction alone.
+    /// Shuts a failed connection down in both directions, so that the listener, which has a duplicate of it, also notices: a law may have
+    /// closed one alone.
     fn disconnect(&mut self) {
         if let Some(connection) = self.connection.take() {
             let _ = shutdown(connection, Shutdown::Both);

@@ -125,7 +125,7 @@ pub use cycle::{Cycle, FirstFlight, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
 pub use external::{ExternalLaw, LawPort, reason_of, without_answer};
 pub use fence::Fence;
-use flight_marker::RunMarker;
+use flight_marker::TakeOffMarker;
 pub use flight_room::{known_start, require_flyable};
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
@@ -193,12 +193,12 @@ pub fn run_behind(
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let safety = &context.config.safety;
-            let marker = RunMarker::begin(bus.paths(), safety, (&mut cycle, context.is_child));
+            let marker = TakeOffMarker::begin(bus.paths(), safety, &mut cycle, context.is_child);
             let expects_flight = context.is_child && !safety.observe_only;
             if expects_flight {
                 cycle.expect_flight();
             }
-            ports.announce_start(started_at, (marker.stays, marker.cause), expects_flight)?;
+            ports.announce_start(started_at, marker.stays, marker.cause, expects_flight)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
             let mut turn = Consecutive(before, faulty.turn(FaultTarget::Daemon, turn));

@@ -18,7 +18,6 @@ use oqtal_runtime::process::Failure;
 
 use crate::arming::ArmingPath;
 use crate::command_model::{CommandModel, motion_tracker};
-use crate::fence::require_braking;
 use crate::flight_room::{
     fitting_starts, require_flyable, require_flyable_in_flight, require_target,
 };
@@ -68,7 +67,6 @@ impl LiveControl {
     ) -> Result<Self, Failure> {
         let located = |error| Failure::from(next.locate(&error));
         require_flyable(next, &trajectory, None)?;
-        require_braking(present, next)?;
         let of_tracker = |config: &Config| {
             let model = CommandModel::new(config).map_err(located)?.model;
             Ok::<_, Failure>(motion_tracker(config, model))
@@ -118,6 +116,11 @@ impl PreparedChange {
     /// Whether the change is one of settings.
     pub fn changes_settings(&self) -> bool {
         self.settings.is_some()
+    }
+
+    /// The configuration after the change, if it is one of settings.
+    pub(crate) fn next_config(&self) -> Option<&Config> {
+        self.settings.as_ref().map(|(next, _)| &next.config)
     }
 }
 

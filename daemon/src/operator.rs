@@ -17,6 +17,7 @@ use oqtal_runtime::handoff::{BackgroundHandle, handoff};
 use crate::condition::{Condition, Followed};
 use crate::cycle::FirstFlight;
 use crate::live::{LiveSettings, PreparedChange};
+use crate::refusal::require_braking;
 
 use answer::{
     event, first_lines, publish_answered, refused, refused_event, unchanged_text, with_place,
@@ -253,7 +254,13 @@ impl OperatorRequests {
         let number = self.next_event();
         let Some(settings) = &self.settings else { return self.present(Answer::Refused) };
         let mut event = EventV1 { number, ..event(request, Answer::Accepted) };
-        let response = match settings.prepare(command, request) {
+        let is_flying = [Mode::Flying, Mode::Landing].map(Mode::code).contains(&self.last.mode);
+        let prepared = settings.prepare(command, request).and_then(|prepared| {
+            let next = prepared.next_config().filter(|_| is_flying);
+            next.map_or(Ok(()), |next| require_braking(settings.present(), next))?;
+            Ok(prepared)
+        });
+        let response = match prepared {
             Err(refusal) => with_reason(&refusal, self.present(Answer::Refused)),
             Ok(mut prepared) if settings.are_unchanged_by(&prepared) => {
                 self.settings.iter_mut().for_each(|settings| settings.commit(&mut prepared));
@@ -266,7 +273,7 @@ impl OperatorRequests {
             Ok(prepared) => {
                 let warnings = settings.new_warnings(&prepared);
                 // A change of settings does not change the course of a flight under way.
-                if [Mode::Flying, Mode::Landing].map(Mode::code).contains(&self.last.mode) {
+                if is_flying {
                     self.course.get_or_insert_with(|| configured_course(settings.present()));
                 }
                 event.text = prepared.text;

@@ -1,7 +1,7 @@
 //! Refusal of a change of a flight, with its reason.
 
 use oqtal_bus::code::Cause;
-use oqtal_config::ConfigError;
+use oqtal_config::{Config, ConfigError};
 use oqtal_runtime::process::Failure;
 
 /// Refusal of a request.
@@ -28,5 +28,39 @@ impl From<ConfigError> for Refusal {
 impl From<Failure> for Refusal {
     fn from(failure: Failure) -> Self {
         Self::of_setting(failure.message)
+    }
+}
+
+/// Lowest limit of the tilt that can be set in flight \[deg\]: at 2 m/s a vehicle then takes some 5 m to stop.
+const LEAST_TILT_DEG: f64 = 3.0;
+
+/// Requires that a fast vehicle can still stop if the settings `present` become `next` in flight.
+///
+/// # Errors
+/// The limit of the tilt becomes too low.
+pub(crate) fn require_braking(present: &Config, next: &Config) -> Result<(), Refusal> {
+    let [before_deg, deg] = [present, next].map(|config| config.position.tilt_limit_deg);
+    if deg >= before_deg.min(LEAST_TILT_DEG) {
+        return Ok(());
+    }
+    Err(Refusal::of_setting(format!(
+        "`position.tilt-limit-deg` is {deg}, it must be at least {LEAST_TILT_DEG} in flight: a vehicle that is fast could not stop inside the fence; set it before the flight"
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_config::Setting;
+
+    #[test]
+    fn the_tilt_is_not_limited_in_flight_so_far_that_a_fast_vehicle_cannot_stop() {
+        let limited = |deg: f64| {
+            let setting = Setting::flag("test", "position.tilt-limit-deg", deg);
+            Config::from_settings(&[setting]).unwrap()
+        };
+        let refused = |from, to| require_braking(&limited(from), &limited(to)).is_err();
+        assert!(refused(15.0, 1.0) && refused(2.0, 1.0));
+        assert!(!refused(15.0, 3.0) && !refused(2.0, 2.5) && !refused(2.0, 2.0));
     }
 }

@@ -139,7 +139,7 @@ impl SetpointGuard {
 /// Requires that `turn_rad` \[rad\], named `turn`, is at most [`MOST_TURN_DEG`].
 pub(crate) fn require_turn(turn: &'static str, turn_rad: f64) -> Result<(), SetpointRefusal> {
     let turn_deg = shorter_turn(turn_rad).abs().to_degrees();
-    let limit = ("the greatest turn at once", MOST_TURN_DEG);
+    let limit = ("the greatest turn that laws follow", MOST_TURN_DEG);
     require([turn, "deg"], turn_deg, limit)
 }
 
@@ -161,7 +161,7 @@ pub(crate) fn turns_round(last: &Reference, next: &Reference) -> bool {
         (Some(last), Some(next)) => last.attitude.angle_to(&next.attitude) > LARGEST_TURN_RAD,
         (None, None) => {
             let turn_rad = next.yaw_rad - last.yaw_rad;
-            // The shorter way, which costs more, is not longer.
+            // `shorter_turn` costs more, and never exceeds the plain difference.
             turn_rad.abs() > LARGEST_TURN_RAD && shorter_turn(turn_rad).abs() > LARGEST_TURN_RAD
         }
         _ => false,

@@ -314,7 +314,8 @@ impl StreamLimits {
         self.require_allowed(now, &reference, (present, room))?;
         // Derivatives do not bound the heading: the vehicle may not follow it.
         let turn_rad = reference.motion(now).value.w - heading_rad;
-        require_turn("turn from the heading of the vehicle", turn_rad).map(|()| reference)
+        require_turn("difference of its heading from that of the vehicle", turn_rad)?;
+        Ok(reference)
     }
 
     /// Requires that `reference` is within the limits, now and at the end of its validity.

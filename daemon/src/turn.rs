@@ -141,10 +141,11 @@ impl<T: Transport> DaemonPorts<T> {
     pub fn announce_start(
         &mut self,
         now: Time,
-        (stays, cause): (bool, Cause),
+        stays: bool,
+        cause: Cause,
         expects_flight: bool,
     ) -> Result<(), BusError> {
-        let record = input_record::start(now, (stays, cause), expects_flight);
+        let record = input_record::start(now, stays, cause, expects_flight);
         self.inputs.send(0, Stamps::default(), record).map(drop)
     }
 }

@@ -16,7 +16,7 @@ const HARD_M_S: f64 = 1.5;
 /// Least sink rate of a vehicle that the floor stops \[m/s\]: one that skims over the floor changes its sink rate, too.
 const LEAST_FALL_M_S: f64 = 0.1;
 /// Height above the floor up to which a vehicle may be in contact with it \[m\].
-const AT_FLOOR_M: f64 = 0.05;
+pub(crate) const AT_FLOOR_M: f64 = 0.05;
 /// Height above the floor below which a vehicle in flight is on it, or has just left it again \[m\]: more than it rises within a tick.
 const TOUCHED_M: f64 = 0.01;
 /// Speed below which a vehicle is at rest \[m/s\].

@@ -5,7 +5,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::FenceOptions;
 use oqtal_control::trajectory::Phase;
 
-use crate::crash::{AT_REST_M_S, Crash};
+use crate::crash::{AT_FLOOR_M, AT_REST_M_S, Crash};
 use crate::flight::{MISSED_ARMING_S, Outcome};
 use crate::flight_sample::FlightSample;
 
@@ -52,6 +52,11 @@ impl FlightEnd {
         if let Some(crash) = touchdown.and_then(crash) {
             self.crashed(sample.telemetry.time, crash);
         }
+    }
+
+    /// Whether the vehicle of the present flight is off the floor in `sample`.
+    pub fn has_risen(&self, sample: &FlightSample) -> bool {
+        sample.position().z > self.floor_m + AT_FLOOR_M
     }
 
     /// Records a crash at the instant `at`.

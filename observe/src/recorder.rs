@@ -189,10 +189,13 @@ impl Recorder {
         }
     }
 
-    /// Records that the daemon ended in flight, after its last armed tick.
+    /// Records that the daemon ended in flight, after its last armed tick. On the floor, where nothing falls, the flight is unfinished.
     fn daemon_died(&mut self) {
-        let last = self.flight.armed().last().map_or(Time::UNSET, |tick| tick.telemetry.time);
-        self.end.crashed(last, Crash::DaemonDied);
+        let Some(last) = self.flight.armed().last() else { return };
+        match self.end.has_risen(last) {
+            true => self.end.crashed(last.telemetry.time, Crash::DaemonDied),
+            false => self.end.outcome = Some(Outcome::Unfinished),
+        }
     }
 
     /// Ends a flight whose daemon died: the next daemon starts disarmed, and the vehicle has fallen.
@@ -323,7 +326,10 @@ impl Sink for Recorder {
             Sample::Truth(truth) => {
                 let source = Some(reception.header.source);
                 let last = std::mem::replace(&mut self.truth_source, source);
-                self.end.is_replaced |= self.armed_at.is_some() && last.is_some() && last != source;
+                // The last ticks of the flight wait for truth.
+                let is_flown =
+                    self.armed_at.is_some() || truth.time.since(self.disarmed_at) < TRUTH_TIMEOUT;
+                self.end.is_replaced |= is_flown && last.is_some() && last != source;
                 self.join.add_sample(truth.time, *truth);
                 self.join();
             }

@@ -34,7 +34,7 @@ impl Flight {
         });
         let requests = (self.lost_requests > 0).then(|| {
             format!(
-                "{} messages on requests are not in the record: settings changed in flight may be missing, and a replay differs",
+                "{} records of requests are missing: settings changed in flight may be unknown, and a replay differs",
                 self.lost_requests
             )
         });

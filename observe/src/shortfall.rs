@@ -23,7 +23,10 @@ impl Flight {
         let own = (!reasons.is_empty()).then(|| reasons.join("; "));
         match (self.reservation(), &own) {
             (None, _) => own,
-            (Some(reservation), Some(own)) if self.crash.is_some() => {
+            // Of several flights the figures are of all, the reason is of one.
+            (Some(reservation), Some(own))
+                if self.crash.is_some() || self.flights().count() < 2 =>
+            {
                 Some(format!("{own}; {reservation}"))
             }
             (reservation, _) => reservation,
@@ -91,6 +94,9 @@ impl Flight {
     fn unfinished(&self, when: &str) -> String {
         if self.ends_with_law() {
             return format!("the flight was ended{when}: the law ended");
+        }
+        if self.lacks_take_off() {
+            return format!("the daemon or the record ended{when}, before the take-off");
         }
         format!(
             "the record ends{when}, before the flight did: another file continues it, a process of the flight ended, or the recording was cut off"

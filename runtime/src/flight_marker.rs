@@ -1,6 +1,6 @@
-//! Flight marker: a file that prevents an automatic take-off after a Stop, and after a daemon was killed, also by its watchdog.
-//! While a daemon that may take off automatically runs, the file exists, and only its end removes it: an end
-//! in good order, without a stop that no `arm` has ended. A stop sets it, too.
+//! Flight markers: files in the root of an instance that a daemon leaves to the next one. `NAME.armed-at-start` prevents an automatic
+//! take-off after a Stop, and after a daemon was killed, also by its watchdog: while a daemon that may take off automatically runs, it exists,
+//! and only an end in good order, without a stop that no `arm` has ended, removes it. `NAME.in-flight` exists during a flight.
 
 use std::fs::File;
 use std::io::{self, ErrorKind};

@@ -28,7 +28,7 @@
 //! | `random.rs` | repeatable random numbers |
 //! | `pose_source.rs` | sources of poses |
 //! | `actuation.rs` | kind of command by the interface of a vehicle |
-//! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash or a stop |
+//! | `flight_marker.rs` | files that a daemon leaves to the next one: against an automatic take-off, and of a flight under way |
 //! | `packet_socket.rs` | socket at which other processes of this user connect |
 //! | `files.rs` | files and directories protected against other users |
 //! | `kept_file.rs` | files by which others find a process, made again after a removal |

@@ -83,7 +83,7 @@ impl FlightProgress {
         ));
     }
 
-    /// Prints the obstacles to the take-off, each of them once, after [`OBSTACLE_TIMEOUT`].
+    /// Prints the obstacles to the take-off, again when there is a new one, after [`OBSTACLE_TIMEOUT`].
     fn report_obstacles(&self, telemetry: &TelemetryV1) {
         let obstacles = ArmingObstacles::from_bits(telemetry.obstacles);
         let Obstruction { obstacles: last, since, mut said } = self.obstruction.get();

@@ -65,7 +65,7 @@ pub struct RequestQueues<'a> {
 }
 
 impl RequestQueues<'_> {
-    /// Passes a request of `sender`, sent after `sent_after`, to the thread that replies.
+    /// Passes a request of `sender`, sent after the first and received at the second of the instants, to the thread that replies.
     ///
     /// # Errors
     /// The request is unknown, its arguments are wrong, or too many wait; the sender, with the reason.
@@ -73,7 +73,7 @@ impl RequestQueues<'_> {
         &self,
         (name, arguments): (&str, Vec<String>),
         sender: Sender,
-        sent_after: Time,
+        (sent_after, received_at): (Time, Time),
     ) -> Result<(), (Sender, String)> {
         let known = CtlRequest::named(name).and_then(|command| {
             let valid = request_of(command, &arguments).map_err(|failure| failure.message);
@@ -90,6 +90,8 @@ impl RequestQueues<'_> {
         };
         let endings_before =
             self.endings.fetch_add(u64::from(command.ends_flight()), Ordering::AcqRel);
+        // An end of a flight also ends one that was requested meanwhile.
+        let sent_after = if command.ends_flight() { received_at } else { sent_after };
         let request = GatewayRequest { command, arguments, sender, sent_after, endings_before };
         queue.try_send(request).map_err(|error| {
             let (TrySendError::Full(request) | TrySendError::Disconnected(request)) = error;
@@ -237,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_has_the_time_of_its_reception() {
+    fn a_request_is_dated_before_its_wait() {
         let body = ControlRequestV1::of(OperatorCommand::Arm).by("oqtal");
         let ControlRequestV1 { asked_at, valid_until, .. } = request(CtlRequest::Arm, 1).sign(body);
         assert_eq!(asked_at, SENT_AFTER);

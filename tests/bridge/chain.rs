@@ -8,7 +8,7 @@ use rustix::process::Signal;
 use super::flight::{BridgeFlight, TIME_OUT, is_zero};
 use super::vehicle::Manner;
 use crate::common::network::{Server, free_port};
-use crate::common::{Running, Testbed, assert_refused, number, wait_for};
+use crate::common::{Running, Testbed, assert_refused, number, stderr, wait_for};
 
 /// Most set-points after the last command that are not zero: one on its way, and those of the bridge until the command times out.
 const LAST_SETPOINTS: usize = 3;
@@ -109,6 +109,11 @@ fn f18_without_its_bridge_a_chain_sends_nothing_and_flies_with_the_next_bridge()
     assert!(flying.flight.setpoints(60).iter().all(is_zero));
     let log = flying.flight.vehicle.log();
     assert_eq!((log.damaged, log.emergency_stops), (0, 0));
+    // The new bridge leaves the motors of the flight before alone: until they are stopped, no other flight begins.
+    let told = |words: &[&str]| flying.flight.testbed.oqtal(words).output().unwrap();
+    let arm = stderr(&told(&["ctl", "arm"]));
+    assert!(arm.contains("run although none are commanded"), "{arm}");
+    assert!(told(&["ctl", "stop"]).status.success());
     flying.take_off();
 }
 

@@ -52,7 +52,7 @@ fn f35_references_whose_heading_the_vehicle_does_not_follow_are_refused() {
     assert!(stream.take_refusal().is_none() && stream.is_followed());
     stream.receive(at(10), (7, &sample(10)), Some((&present(), 0.9, &room(0.0))));
     let refusal = stream.take_refusal().unwrap().to_string();
-    assert!(refusal.contains("turn from the heading of the vehicle 51.57 deg"), "{refusal}");
+    assert!(refusal.contains("from that of the vehicle 51.57 deg exceeds"), "{refusal}");
 }
 
 #[test]

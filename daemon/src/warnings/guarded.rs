@@ -11,9 +11,8 @@ const BELOW_REFERENCE_M: f64 = 0.05;
 /// Note that the fallback flies in place of the law of `config` where a path has its least height above the floor, `lowest_m` \[m\];
 /// `None` if the path is high enough, or no fallback flies.
 pub(crate) fn note_below_envelope(config: &Config, lowest_m: f64) -> Option<String> {
-    let is_guarded = config.control.is_external() || config.control.of_fallback().is_some();
     let margin_m = config.envelope.fence_margin_m;
-    (is_guarded && lowest_m < margin_m + BELOW_REFERENCE_M).then(|| {
+    (is_guarded(config) && lowest_m < margin_m + BELOW_REFERENCE_M).then(|| {
         format!(
             "at {lowest_m:.2} m above the floor the fallback law flies instead of control.controller = \"{}\": it takes over whenever the vehicle could not stop envelope.fence-margin-m = {margin_m} above the floor",
             config.control.controller
@@ -23,12 +22,12 @@ pub(crate) fn note_below_envelope(config: &Config, lowest_m: f64) -> Option<Stri
 
 /// Note that the fallback flies in place of the law of `config` from where the vehicle, in the motion of one of the references `flown`, of
 /// these times from arming \[s\], could not stop inside the fence; `None` if it could everywhere, or no fallback flies.
-pub(crate) fn note_near_fence(config: &Config, flown: Vec<&(f64, Reference)>) -> Option<String> {
-    if !(config.control.is_external() || config.control.of_fallback().is_some()) {
-        return None;
-    }
-    let envelope = Envelope::new(config).ok()?;
-    let (t_s, near) = flown.into_iter().find(|(_, reference)| !envelope.has_stop(reference))?;
+pub(crate) fn note_near_fence<'a>(
+    config: &Config,
+    mut flown: impl Iterator<Item = &'a (f64, Reference)>,
+) -> Option<String> {
+    let envelope = Envelope::new(config).ok().filter(|_| is_guarded(config))?;
+    let (t_s, near) = flown.find(|(_, reference)| !envelope.has_stop(reference))?;
     let ([x, y, z], speed_m_s): ([f64; 3], f64) = (near.position.into(), near.velocity.norm());
     Some(format!(
         "at {:.1} s, at [{x:.2}, {y:.2}, {z:.2}] m and {speed_m_s:.2} m/s, the fallback law flies instead of control.controller = \"{}\": it takes over whenever the vehicle could not stop envelope.fence-margin-m = {} inside [fence]; lower that margin, widen the fence, or fly more slowly",
@@ -36,4 +35,9 @@ pub(crate) fn note_near_fence(config: &Config, flown: Vec<&(f64, Reference)>) ->
         config.control.controller,
         config.envelope.fence_margin_m
     ))
+}
+
+/// Whether a fallback flies in place of the law of `config` when it leads out of the envelope.
+fn is_guarded(config: &Config) -> bool {
+    config.control.is_external() || config.control.of_fallback().is_some()
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use oqtal_config::Config;
-use oqtal_control::controller::ControlOptions;
+use oqtal_control::controller::{ControlOptions, ControllerName};
 use oqtal_control::trajectory::{Phase, Reference};
 
 use super::law::lacks_feed_forward;
@@ -66,6 +66,10 @@ fn remedy(control: &ControlOptions) -> String {
         true => " --set control.stack=predictive",
         false => "",
     };
-    let other = if control.is_external() { "set another control.fallback" } else { "fly oqtal-dt" };
-    format!("find other gains with `oqtal tune {}{stack}`, or {other}", law.name())
+    let other = match law {
+        _ if control.is_external() => ", or set another control.fallback",
+        ControllerName::OqtalDt => "",
+        _ => ", or fly oqtal-dt",
+    };
+    format!("find other gains with `oqtal tune {}{stack}`{other}", law.name())
 }

@@ -63,8 +63,8 @@ pub(super) fn outside_envelope(samples: &[(f64, Reference)], config: &Config) ->
     let is_flight = |(_, reference): &&(f64, Reference)| {
         matches!(reference.phase, Phase::Settle | Phase::Trajectory)
     };
-    let flown: Vec<_> = samples.iter().filter(is_flight).collect();
-    let lowest_m = flown.iter().map(|(_, it)| it.position.z).fold(f64::INFINITY, f64::min);
+    let flown = samples.iter().filter(is_flight);
+    let lowest_m = flown.clone().map(|(_, it)| it.position.z).fold(f64::INFINITY, f64::min);
     note_below_envelope(config, lowest_m).or_else(|| note_near_fence(config, flown))
 }
 

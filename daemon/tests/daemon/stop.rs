@@ -102,7 +102,7 @@ fn a_daemon_that_was_suspended_after_an_accepted_arm_does_not_take_off() {
         [(100, Mode::Flying), (400, Mode::Disarmed), (3_600_000, Mode::Disarmed)]
     {
         let mut bench = Bench::new(&[]);
-        bench.vehicle = VehicleV1 { armed: 1, ..REAL };
+        bench.vehicle = REAL;
         for _ in 0..20 {
             bench.show(still(bench.frame));
         }

@@ -192,7 +192,7 @@ fn daemon<'l>(
     if config.control.is_external() {
         ports.open_exchange(&faulty)?;
     }
-    ports.announce_start(start, (false, Cause::None), false)?;
+    ports.announce_start(start, false, Cause::None, false)?;
     let turn = DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle, law };
     Ok(faulty.turn(FaultTarget::Daemon, turn))
 }

@@ -15,6 +15,7 @@ pub fn closing_facts(flight: &Flight) -> Facts {
         ("command_path", flight.command_path.to_string()),
         ("outcome", flight.outcome.to_string()),
         ("speed_factor", flight.speed_factor.to_string()),
+        ("lost_requests", flight.lost_requests.to_string()),
     ];
     let json = |usage: &ProcessUsage| serde_json::to_string(usage).unwrap_or_default();
     let daemon = flight.daemon.as_ref().map(|usage| ("daemon", json(usage)));
@@ -37,6 +38,8 @@ pub struct ClosingFacts {
     pub speed_factor: Option<f64>,
     /// Resource use of the daemon.
     pub daemon: Option<ProcessUsage>,
+    /// Number of requests that are not in the record \[-\].
+    pub lost_requests: u64,
 }
 
 impl ClosingFacts {
@@ -47,6 +50,7 @@ impl ClosingFacts {
             command_path: fact("command_path").map(CommandPath::parse),
             outcome: fact("outcome").and_then(Outcome::parse),
             speed_factor: fact("speed_factor").and_then(|text| text.parse().ok()),
+            lost_requests: fact("lost_requests").and_then(|it| it.parse().ok()).unwrap_or(0),
             daemon: fact("daemon").and_then(|text| serde_json::from_str(text).ok()),
         }
     }

@@ -154,6 +154,21 @@ impl RecordingFile {
         }
     }
 
+    /// A recording with the messages of this one that `keeps` keeps, and everything else.
+    pub(super) fn holding(&self, keeps: impl Fn(&RecordedMessage) -> bool) -> Self {
+        let Self { path, size, channels, facts, attachments, messages, cut_off, schemas } = self;
+        Self {
+            path: path.clone(),
+            size: *size,
+            channels: channels.clone(),
+            facts: facts.clone(),
+            attachments: attachments.clone(),
+            messages: messages.iter().filter(|message| keeps(message)).cloned().collect(),
+            cut_off: cut_off.clone(),
+            schemas: schemas.clone(),
+        }
+    }
+
     /// Adds the records up to the footer, or up to the first damaged or truncated one, in which case it fails with the reason.
     fn read_records(&mut self, bytes: &[u8]) -> Result<(), String> {
         let mut rest = Cursor(bytes);

@@ -23,7 +23,8 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let config = config(file)?;
     let mut recorder = Recorder::new(&config);
     play(file, &mut recorder)?;
-    let ClosingFacts { command_path, outcome, speed_factor, daemon } = ClosingFacts::read(file);
+    let ClosingFacts { command_path, outcome, speed_factor, daemon, lost_requests } =
+        ClosingFacts::read(file);
     let open = if config.safety.observe_only { Outcome::Observed } else { Outcome::Unfinished };
     // Without its closing facts, the duration of a flight in virtual time is not known.
     let unclosed = if config.clock.kind == ClockKind::Real { 1.0 } else { f64::NAN };
@@ -32,7 +33,7 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     // The recorder reports a flight that was landed because it lasted too long as landed.
     let is_late = outcome == Some(Outcome::Timeout) && flight.outcome == Outcome::Landed;
     let outcome = if is_late { Outcome::Timeout } else { flight.outcome };
-    Ok(Flight { command_path, outcome, daemon, ..flight })
+    Ok(Flight { command_path, outcome, daemon, lost_requests, ..flight })
 }
 
 /// The effective configuration of a recording.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use comfy_table::ContentArrangement;
+use comfy_table::{ColumnConstraint, ContentArrangement};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use serde::Serialize;
 
@@ -16,7 +16,7 @@ use crate::summary::Summary;
 use crate::table;
 
 /// Width of the list in a terminal \[columns\]; longer cells are wrapped.
-const WIDTH: u16 = 100;
+const WIDTH: u16 = 120;
 /// Time before the start of a flight from which on messages are of that flight \[ns\].
 const BEFORE_NS: u64 = 1_000_000_000;
 
@@ -97,28 +97,32 @@ impl RecordingFile {
     ///
     /// # Errors
     /// The recording has other message definitions or no valid configuration, or there is no such flight.
-    pub fn only_flight(mut self, number: usize) -> Result<Self, RecordingFileError> {
+    pub fn only_flight(&self, number: usize) -> Result<Self, RecordingFileError> {
         let starts = self.starts()?;
-        let Some(start) = number.checked_sub(1).and_then(|index| starts.get(index)) else {
-            let flights = starts.len();
-            return Err(RecordingFileError::NoFlight { path: self.path, flights });
-        };
+        if (1..=starts.len()).contains(&number) {
+            return Ok(self.part(&starts, number));
+        }
+        Err(RecordingFileError::NoFlight { path: self.path.clone(), flights: starts.len() })
+    }
+
+    /// The record of flight `number`, from 1 on, of those that begin at `starts`.
+    fn part(&self, starts: &[Start], number: usize) -> Self {
+        let from_ns = starts[number - 1].recorded_ns;
         let until_ns = starts.get(number).map_or(u64::MAX, |next| next.recorded_ns);
         let event = ObservedTopic::Event.name();
         let requests = self.channels.iter().find(|(_, channel)| channel.topic == event);
         let requests = requests.map(|(id, _)| *id);
-        self.messages.retain(|message| {
-            let is_kept =
-                message.log_time >= start.recorded_ns || requests == Some(message.channel);
+        let mut part = self.holding(|message| {
+            let is_kept = message.log_time >= from_ns || requests == Some(message.channel);
             is_kept && message.log_time < until_ns
         });
         // The requests count as received at its beginning.
-        self.messages.iter_mut().for_each(|it| it.log_time = it.log_time.max(start.recorded_ns));
+        part.messages.iter_mut().for_each(|it| it.log_time = it.log_time.max(from_ns));
         if number < starts.len() {
             // They are of the last flight.
-            closing::remove(&mut self);
+            closing::remove(&mut part);
         }
-        Ok(self)
+        part
     }
 
     /// The flights, in order.
@@ -127,11 +131,14 @@ impl RecordingFile {
     /// The recording has other message definitions or no valid configuration.
     pub fn flights(&self) -> Result<Vec<ListedFlight>, RecordingFileError> {
         let is_real = self.wall_offset_ns() != 0;
-        let listed = |(index, start): (usize, Start)| {
-            let flown = flight(&self.clone().only_flight(index + 1)?)?;
-            Ok(ListedFlight::of(index + 1, is_real.then(|| utc(start.armed_ns)), &flown))
+        let starts = self.starts()?;
+        // The number of the only flight that was read.
+        let first = numbered(&self.path).1.unwrap_or(1);
+        let listed = |(index, start): (usize, &Start)| {
+            let flown = flight(&self.part(&starts, index + 1))?;
+            Ok(ListedFlight::of(first + index, is_real.then(|| utc(start.armed_ns)), &flown))
         };
-        self.starts()?.into_iter().enumerate().map(listed).collect()
+        starts.iter().enumerate().map(listed).collect()
     }
 }
 
@@ -174,10 +181,14 @@ pub fn list(recordings: &[(String, Vec<ListedFlight>)]) -> String {
     let header = ["flight", "began", "s", "controller", "trajectory", "outcome", "cause"];
     let mut rows = table::table(&header);
     rows.set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH);
+    if let Some(names) = rows.column_mut(0) {
+        // Names are copied.
+        names.set_constraint(ColumnConstraint::ContentWidth);
+    }
     for (name, flights) in recordings {
         for it in flights {
             rows.add_row([
-                if flights.len() == 1 { name.clone() } else { format!("{name}#{}", it.flight) },
+                if flights.len() > 1 { format!("{name}#{}", it.flight) } else { name.clone() },
                 it.began.clone().unwrap_or_else(|| "virtual time".to_owned()),
                 format!("{:.1}", it.duration_s),
                 it.controller.clone(),
