@@ -17,7 +17,7 @@ const PAGE: &str = "compare.html";
 /// Arguments of `oqtal compare`.
 #[derive(Args, Debug)]
 pub struct CompareArgs {
-    /// The recordings
+    /// The recordings, or flights of them as FILE#NUMBER
     #[arg(num_args = 2.., required = true, value_name = "FILE", value_parser = recording_path)]
     files: Vec<PathBuf>,
     /// The page with overlaid plots, or its directory; only a page of oqtal is replaced [default: compare.html in

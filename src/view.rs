@@ -40,7 +40,8 @@ const CHECK_PERIOD: Duration = Duration::from_millis(50);
 /// Arguments of `oqtal view`.
 #[derive(Args, Debug)]
 pub struct ViewArgs {
-    /// A recording, the directory of a flight, or `latest`; without one the running instance is shown
+    /// A recording, one of its flights as FILE#NUMBER, the directory of a flight, or `latest`; without one the running
+    /// instance is shown
     #[arg(value_parser = recording_path)]
     file: Option<PathBuf>,
     /// Address and port of the page; another address than this machine's own needs --token. Port 0 is any free one

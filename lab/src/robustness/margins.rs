@@ -176,7 +176,7 @@ const INTRO: [&str; 3] = [
 
 /// Least margin of each kind in hover over the axes, for each law; none if the loop about one of them is unstable.
 fn hover(loops: &[LoopPair]) -> Sheet {
-    let note = "Flown, position loop closed; the least of roll, pitch and yaw.".to_owned();
+    let note = "Flown, position loop closed, adaptation off; the least of roll, pitch and yaw. With its adaptation on, a law tolerates other delays.".to_owned();
     least_sheet(
         ("hover_margins", "Least margins in hover"),
         [&[note], &*unstable_hovers(loops)].concat(),
@@ -187,7 +187,8 @@ fn hover(loops: &[LoopPair]) -> Sheet {
 
 /// Least flown margin of each kind of the attitude loop over the axes, for each law; none if the loop about one of them is unstable.
 fn least(loops: &[LoopPair]) -> Sheet {
-    let note = "Flown, position loop open; the least of roll, pitch and yaw.".to_owned();
+    let note =
+        "Flown, position loop open, adaptation off; the least of roll, pitch and yaw.".to_owned();
     least_sheet(
         ("least_margins", "Least margins of the attitude loop alone"),
         [&[note], &*notes(loops)].concat(),

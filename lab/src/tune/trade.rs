@@ -124,9 +124,11 @@ pub fn sheet(components: &[TradedFigure], is_of_draws: bool) -> Sheet {
         }),
     ];
     let title = match is_of_draws {
-        false => "Components of the objective, and margins in hover".to_owned(),
+        false => {
+            "Components of the objective, and margins in hover with the adaptation off".to_owned()
+        }
         true => format!(
-            "Components of the objective, quadratic means in which a flight that does not land counts as {WORST_SHARE} times the reference, and margins in hover"
+            "Components of the objective, quadratic means in which a flight that does not land counts as {WORST_SHARE} times the reference, and margins in hover with the adaptation off"
         ),
     };
     let names = |it: &TradedFigure| (it.title.to_owned(), Variant::Ours, String::new());
