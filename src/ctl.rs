@@ -66,7 +66,6 @@ impl CtlArgs {
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
-        let mut observers = None;
         let (status, (response, roots)) = match self.command {
             CtlRequest::Land => (InstanceStatus::default(), land::land(&address, request)?),
             _ => {
@@ -74,12 +73,10 @@ impl CtlArgs {
                 let bus = running_bus(&address.paths)?;
                 self.check_waypoints(named, &address)?;
                 let (response, status) = self.ask(&bus, request, expected)?;
-                observers = matches!(self.command, CtlRequest::Status).then(|| observed_by(&bus));
                 (status, (response, Vec::new()))
             }
         };
-        let observers = Vec::from_iter(observers);
-        let lines = [status.lines(), observers, self.notes(&address, &response)].concat();
+        let lines = [status.lines(), self.notes(&address, &response)].concat();
         let report = ControlReport::new(self.command.command(), &response, status, &address.paths)
             .under(&roots);
         let refused = report.check(&response, expected);
@@ -102,7 +99,7 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
-    /// Lines below the answer: of `status` the faults that the configuration of the daemon injects, and other instances of the name.
+    /// Lines below the answer: of `status` the observers, the faults that the configuration of the daemon injects, and other instances of the name.
     fn notes(&self, address: &AddressedInstance, response: &ControlResponseV1) -> Vec<String> {
         let note = self.trajectory_note(address, response);
         if !matches!(self.command, CtlRequest::Status) {
@@ -111,7 +108,8 @@ impl CtlArgs {
         let config = daemon_config(&address.paths);
         let config = config.filter(|config| config.hash() == response.config_hash);
         let faults = config.and_then(|config| injected(&config));
-        faults.into_iter().chain(namesakes(&address.paths)).collect()
+        let observers = running_bus(&address.paths).map(|bus| observed_by(&bus));
+        observers.into_iter().chain(faults).chain(namesakes(&address.paths)).collect()
     }
 
     /// Tells which files of the daemon were removed, or have an edit that the daemon does not use. A command that ends a flight does not wait

@@ -68,7 +68,7 @@ impl ReportArgs {
         let is_of_flight = self.file.file_name().is_some_and(|name| name == RECORDING);
         let default = || match is_of_flight {
             true => self.file.with_file_name(REPORT),
-            false => recordings::stem(&self.file).with_added_extension("html"),
+            false => format!("{}.html", recordings::stem(&self.file).display()).into(),
         };
         self.out.clone().unwrap_or_else(default)
     }

@@ -176,8 +176,6 @@ impl DaemonWorker {
         let (health, events) = (context.health.clone(), bus.writer(&EVENT)?);
         let poses = bus.reader(&POSE)?;
         let file = ConfigFile::begin(path, context, comments, is_chain);
-        let in_flight = InFlightMarker::of(bus.paths(), &context.config.safety, context.is_child);
-        let log = RequestLog::default();
         Ok(Self {
             requests,
             server,
@@ -190,8 +188,8 @@ impl DaemonWorker {
             pose_rate: PoseRate::default(),
             law,
             file,
-            in_flight,
-            log,
+            in_flight: InFlightMarker::of(bus.paths(), &context.config.safety, context.is_child),
+            log: RequestLog::default(),
             bus,
         })
     }

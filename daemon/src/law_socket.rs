@@ -287,15 +287,29 @@ mod tests {
         assert_eq!(told(ask(&mut law, 9, 60_000)), Some(HandoverCause::Absent));
         listener.poll();
         assert!(!listener.has_law(), "its end was noticed");
-        let third = connect(&path).unwrap();
+        let _third = connect(&path).unwrap();
         listener.poll();
         assert_eq!(law.connections.len(), 1);
-        shutdown(&third, Shutdown::Read).unwrap();
-        assert_eq!(told(ask(&mut law, 10, 60_000)), Some(HandoverCause::Ended));
-        listener.poll();
-        assert!(!listener.has_law(), "it does not read any more");
         drop(listener);
         assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_law_that_reads_no_more_frees_its_place() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("law");
+        let (sender, receiver) = connections();
+        let mut listener = LawListener::open(path.clone(), sender).unwrap();
+        let half_closed = connect(&path).unwrap();
+        shutdown(&half_closed, Shutdown::Read).unwrap();
+        listener.poll();
+        assert!(listener.has_law());
+        let answer_by = Time::now() + Span::from_millis(60_000);
+        let state = StateV1 { sequence: 1, answer_by, ..StateV1::default() };
+        let told = SocketLaw::new(receiver, StopFlag::default()).answer(&state);
+        assert_eq!(told.as_ref().and_then(reason_of), Some(HandoverCause::Ended));
+        listener.poll();
+        assert!(!listener.has_law());
     }
 
     #[test]

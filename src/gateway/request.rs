@@ -239,6 +239,19 @@ mod tests {
     }
 
     #[test]
+    fn a_landing_is_dated_by_its_reception_since_it_also_ends_a_flight_requested_meanwhile() {
+        let endings = AtomicU64::new(0);
+        let [(stops, _), (landings, landed), (others, armed)] = [(); 3].map(|()| sync_channel(1));
+        let queues = RequestQueues { stops, landings, others, endings: &endings };
+        let received_at = SENT_AFTER + Span::from_millis(700);
+        for (name, requests, dated) in [("land", landed, received_at), ("arm", armed, SENT_AFTER)] {
+            let sender = Sender::network(([10, 0, 0, 7], 1).into(), 1);
+            let pushed = queues.push((name, Vec::new()), sender, (SENT_AFTER, received_at));
+            assert!(pushed.is_ok() && requests.recv().unwrap().sent_after == dated, "{name}");
+        }
+    }
+
+    #[test]
     fn a_request_is_dated_before_its_wait() {
         let body = ControlRequestV1::of(OperatorCommand::Arm).by("oqtal");
         let ControlRequestV1 { asked_at, valid_until, .. } = request(CtlRequest::Arm, 1).sign(body);

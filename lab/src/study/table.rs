@@ -59,7 +59,7 @@ const SET_POINTS: &str = "
 Velocity and attitude errors are relative to the newest command of the law, in
 `fly` to the command for the instant: laws that predict have smaller ones there.";
 
-/// [`SET_POINTS`] if a table of `rows` has velocity and attitude errors of a law that predicts; otherwise empty.
+/// Note on the set-points if a table of `rows` has velocity and attitude errors of a law that predicts; otherwise empty.
 pub fn set_point_note(rows: &[Flown]) -> &'static str {
     let predicts = |row: &Flown| {
         let first = row.conditions.first();
