@@ -106,7 +106,10 @@ fn warnings_along(
     all.extend(path::first_turn(config, trajectory));
     all.extend(path::turns_too_fast(config, trajectory));
     all.extend(disturbances::after_the_end(config, touchdown_s(plan, samples)));
-    all.extend(disturbances::too_heavy(config));
+    let too_heavy = disturbances::too_heavy(config);
+    let is_liftable = too_heavy.is_empty();
+    all.extend(too_heavy);
+    all.extend(is_liftable.then(|| disturbances::beyond_integral(config)).into_iter().flatten());
     all.extend(disturbances::without_effect(config));
     all
 }

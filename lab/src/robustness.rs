@@ -233,7 +233,11 @@ impl RobustnessArgs {
             self.runs
         );
         let title = "Monte-Carlo";
-        let chapter = Chapter { title, intro: vec![intro], sheets, ..Chapter::default() };
+        // A reader of the page has not seen the terminal.
+        let notes = spread.note(study.common)?.into_iter();
+        let notes = notes.chain(gains::replaced(study.laws, study.common));
+        let intro = std::iter::once(intro).chain(notes.map(|note| format!("Warning: {note}.")));
+        let chapter = Chapter { title, intro: intro.collect(), sheets, ..Chapter::default() };
         Ok(FlownDraws { document, chapter, flown })
     }
 

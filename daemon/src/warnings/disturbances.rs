@@ -49,3 +49,23 @@ pub(super) fn too_heavy(config: &Config) -> Vec<String> {
         })
         .collect()
 }
+
+/// Shortage of vertical acceleration from which a note is printed \[m/s^2\]: with the shipped gains the vehicle stays some 2 cm lower.
+const TOLD_SHORTAGE_M_S2: f64 = 0.12;
+
+/// Notes on payloads that the integral of the velocity loops cannot carry: the vehicle stays below its reference.
+pub(super) fn beyond_integral(config: &Config) -> Vec<String> {
+    let (plant, vehicle) = (&config.plant, &config.vehicle);
+    let limit = config.position.velocity_integral_limit_m_s2;
+    let notes = plant.disturb.iter().filter_map(|it| {
+        let DisturbanceKind::Mass(mass_kg) = it.kind else { return None };
+        let needed = vehicle.gravity_m_s2 * ((plant.mass_kg + mass_kg) / vehicle.mass_kg - 1.0);
+        (mass_kg > 0.0 && needed > limit + TOLD_SHORTAGE_M_S2).then(|| {
+            format!(
+                "with the disturbance `{it}` a hover takes {needed:.2} m/s^2 more than the model, and the integral of the velocity loops has at most position.velocity-integral-limit-m-s2 = {limit}: the vehicle stays below its reference; raise the limit to {:.1}, or fly oqtal-dt",
+                (10.0 * needed).ceil() / 10.0 + 0.2
+            )
+        })
+    });
+    if config.control.is_predictive() { Vec::new() } else { notes.collect() }
+}

@@ -287,9 +287,21 @@ fn a_disturbance_or_fault_after_the_end_of_the_flight_is_reported_with_both_time
 
 #[test]
 fn a_payload_that_the_vehicle_cannot_lift_is_reported_with_its_unit() {
-    assert!(told(&["plant.disturb=[\"mass@9=0.1kg\"]"], None).is_empty());
+    assert!(
+        told(&["plant.disturb=[\"mass@9=0.1kg\"]", "control.controller=oqtal-dt"], None).is_empty()
+    );
     let text = told(&["plant.disturb=[\"mass@9=100\"]"], None).join("\n");
     assert!(text.contains("adds 100 kg") && text.contains("masses are in kg"), "{text}");
+}
+
+#[test]
+fn a_payload_beyond_the_integral_of_the_velocity_loops_is_reported() {
+    let payload = |mass: &str| format!("plant.disturb=[\"mass@9={mass}kg\"]");
+    let of = |mass: &str, law: &str| told(&[&payload(mass), law], None).join("\n");
+    assert!(of("0.05", "control.controller=geometric").is_empty());
+    let text = of("0.08", "control.controller=geometric");
+    assert!(text.contains("takes 1.57 m/s^2 more") && text.contains("limit to 1.8"), "{text}");
+    assert!(of("0.08", "control.controller=oqtal-dt").is_empty());
 }
 
 #[test]
