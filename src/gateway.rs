@@ -39,8 +39,10 @@ const SOCKET: &str = "gateway.sock";
 /// Time after the loss of files for which programs can still reach the processes that land.
 const LONGEST_LOSS: Span = Span::from_millis(10_000);
 
-/// Longest wait in the queue after which a reference is still dated by its reception.
-const LONGEST_WAIT: Span = Span::from_millis(100);
+/// Time between two turns above which the gateway was held up: datagrams that wait then were sent after the turn before, and are dated by it.
+const LONGEST_TURN: Span = Span::from_millis(30);
+/// Time between two readings of the daemon's configuration.
+const CONFIG_PERIOD: Span = Span::from_millis(1000);
 
 /// `oqtal gateway`.
 #[derive(Subcommand, Debug)]
@@ -93,6 +95,7 @@ impl GatewayCommand {
                 longest: longest_validity(&config),
                 requests: executor.start(threads),
                 whole_at: Time::now(),
+                configured_at: Time::UNSET,
             };
             gateway.run(&*socket, &stop)
         })?;
@@ -112,6 +115,8 @@ struct Gateway<'a> {
     requests: RequestQueues<'a>,
     /// Instant at which the files of the instance were last found.
     whole_at: Time,
+    /// Instant at which the daemon's configuration was last read.
+    configured_at: Time,
 }
 
 impl Gateway<'_> {
@@ -121,19 +126,23 @@ impl Gateway<'_> {
     /// Files of the instance were lost, or the operating system refuses (exit code 71).
     fn run(mut self, socket: &dyn GatewaySocket, stop: &StopFlag) -> Result<(), Failure> {
         let mut datagram = vec![0; protocol::LONGEST_DATAGRAM + 1];
-        let mut empty_at = Time::now();
+        let (mut running_at, mut held_since) = (Time::now(), None);
         while !stop.is_set() {
             self.require_files()?;
             let now = Time::now();
+            if now.since(running_at) > LONGEST_TURN {
+                held_since.get_or_insert(running_at);
+            }
+            running_at = now;
             match socket.receive(&mut datagram)? {
-                // A datagram that comes from now on was sent after this instant, however long the gateway is held up.
                 Incoming::Empty => {
-                    empty_at = now;
+                    held_since = None;
                     socket.wait();
                 }
                 Incoming::Ignored => {}
                 Incoming::Datagram(Received { content, sender }) => {
-                    let served = self.serve(&datagram[content], sender, (empty_at, now));
+                    let sent_after = held_since.unwrap_or(now);
+                    let served = self.serve(&datagram[content], sender, (sent_after, now));
                     if let Err((sender, reason)) = served {
                         socket.reply(&sender, &GatewayReply::refused(reason).to_json());
                     }
@@ -166,9 +175,7 @@ impl Gateway<'_> {
         sender: Sender,
         (after, now): (Time, Time),
     ) -> Result<(), (Sender, String)> {
-        // The present instant dates references more closely, unless they may have waited.
-        let dated = if now.since(after) > LONGEST_WAIT { after } else { now };
-        match protocol::parse(datagram, dated) {
+        match protocol::parse(datagram, after) {
             Ok(Content::Reference(reference)) => {
                 self.follow(*reference, &sender, now).map_err(|reason| (sender, reason))
             }
@@ -180,7 +187,8 @@ impl Gateway<'_> {
     }
 
     fn follow(&mut self, reference: ReferenceV1, sender: &Sender, now: Time) -> Result<(), String> {
-        if !self.holder.is_busy(now) {
+        if !self.holder.is_busy(now) && now.since(self.configured_at) > CONFIG_PERIOD {
+            self.configured_at = now;
             // The daemon may have been started again, with another configuration.
             let of_daemon = daemon_config(self.bus.paths());
             self.holder.longest = of_daemon.as_ref().map_or(self.longest, longest_validity);

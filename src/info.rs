@@ -103,8 +103,11 @@ fn listed_path(text: &str) -> Result<PathBuf, String> {
 fn collect(directory: &Path, depth: u32, files: &mut Vec<(SystemTime, PathBuf)>) {
     for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
         let path = entry.path();
-        if path.is_dir() && depth > 0 {
-            collect(&path, depth - 1, files);
+        // Links to directories are not followed.
+        if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            if depth > 0 {
+                collect(&path, depth - 1, files);
+            }
         } else if path.extension().is_some_and(|extension| extension == "mcap") {
             let written = entry.metadata().and_then(|file| file.modified());
             files.push((written.unwrap_or(SystemTime::UNIX_EPOCH), path));

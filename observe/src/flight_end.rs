@@ -59,6 +59,11 @@ impl FlightEnd {
         sample.position().z > self.floor_m + AT_FLOOR_M
     }
 
+    /// Outcome at the end of the record: a vehicle that rests after its flight has landed.
+    pub fn at_end(&self) -> Option<Outcome> {
+        self.outcome.or(self.resting_since.map(|_| Outcome::Landed))
+    }
+
     /// Records a crash at the instant `at`.
     pub fn crashed(&mut self, at: Time, crash: Crash) {
         (self.outcome, self.crash) = (Some(Outcome::Crashed), Some((at, crash)));

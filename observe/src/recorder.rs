@@ -145,8 +145,7 @@ impl Recorder {
         // A daemon that came later does not count, unless none flew.
         let mut others = self.other_configs.iter();
         let has_other_config = others.any(|it| self.flew.is_empty() || self.flew.contains(it));
-        let FlightEnd { outcome, crash, .. } = self.end;
-        let outcome = outcome.unwrap_or(otherwise);
+        let (outcome, crash) = (self.end.at_end().unwrap_or(otherwise), self.end.crash);
         // Errors have one source: what has no truth in a flight with truth is not scored.
         if self.flight.has_truth() {
             let without = self.flight.samples.iter_mut().filter(|sample| sample.truth.is_none());

@@ -36,7 +36,8 @@ impl FlightMarker {
 
     /// Whether the marker is set.
     pub fn is_set(&self) -> bool {
-        self.path.exists()
+        // Also a link that leads nowhere, which keeps the file from being made.
+        self.path.symlink_metadata().is_ok()
     }
 
     /// Sets the marker if it is not set; makes the root again if it was removed.

@@ -25,7 +25,7 @@ use rustix::net::{
     recvmsg, sendto, sockopt,
 };
 
-/// Time after which a wait for a datagram ends: the next datagram was sent at most this long before, unless the gateway was held up.
+/// Time after which a wait for a datagram ends, so that a stop, and a time in which the gateway was held up, are noticed.
 const TIMEOUT_NS: i64 = 20_000_000;
 /// Maximum number of sockets that receive: the present one, and those before it whose file was removed \[-\].
 const MOST_SOCKETS: usize = 4;

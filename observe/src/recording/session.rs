@@ -70,8 +70,9 @@ impl Sink for Starts {
         }
         let armed_ns = reception.received_at.nanos();
         if !was_armed {
-            let recorded_ns =
-                armed_ns.saturating_sub(BEFORE_NS).max(self.last_ns.map_or(0, |last| last + 1));
+            // Between two flights in quick succession both have a half: the first ends with its disarmed ticks.
+            let middle_ns = self.last_ns.map_or(0, |last| last.midpoint(armed_ns));
+            let recorded_ns = armed_ns.saturating_sub(BEFORE_NS).max(middle_ns);
             self.all.push(Start { armed_ns, recorded_ns });
         }
         self.last_ns = Some(armed_ns);

@@ -142,12 +142,12 @@ fn each_flight_of_a_recording_is_read_by_itself_with_the_settings_changed_before
     let directory = tempfile::tempdir().unwrap();
     let (path, mut recorder) = create(&directory, &configuration(), false);
     let (command, text) = (OperatorCommand::Set.code(), LongText::new("control.controller=pid"));
-    // Periods of 16 ms; the second flight begins half a second after the first, the third long after the second.
-    let flights = [100..150, 180..200, 400..430];
+    // Periods of 16 ms; the second flight begins a quarter of a second after the first, the third long after the second.
+    let flights = [100..150, 164..200, 400..430];
     for number in 1..=500_u64 {
         let (reception, _) = pose(number);
         let time = reception.received_at;
-        if number == 160 {
+        if number == 155 {
             let change = EventV1 { number: 1, command, text, time, ..EventV1::default() };
             recorder.sample(&reception, Sample::Event(&change));
         }
@@ -163,11 +163,12 @@ fn each_flight_of_a_recording_is_read_by_itself_with_the_settings_changed_before
     let listed = whole.flights().unwrap();
     assert_eq!(listed.iter().map(|it| it.flight).collect::<Vec<_>>(), [1, 2, 3]);
     let known = configuration().control.controller.name();
-    for (number, ticks, law) in [(1, 100..150, known), (2, 180..200, "pid"), (3, 400..430, "pid")] {
+    for (number, ticks, law) in [(1, 100..150, known), (2, 164..200, "pid"), (3, 400..430, "pid")] {
         let one = read(&PathBuf::from(format!("{}#{number}", path.display()))).unwrap();
         let flown = flight(&one).unwrap();
         let armed: Vec<u64> = flown.armed().map(|sample| sample.telemetry.tick).collect();
         assert_eq!(armed, ticks.collect::<Vec<u64>>());
+        assert_eq!(flown.outcome, Outcome::Landed, "{number}");
         assert_eq!(flown.config_at_arming().control.controller.name(), law);
     }
     let beyond = read(&PathBuf::from(format!("{}#4", path.display()))).unwrap_err();
