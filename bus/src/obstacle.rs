@@ -44,7 +44,7 @@ code! {
         /// The stop sequence after the last flight is being sent.
         MotorsStopping = 17 => "the motors are being stopped after the last flight, which takes about a second",
         /// The vehicle reports running motors although none are commanded.
-        MotorsRunning = 18 => "the motors of the vehicle run although none are commanded: do not approach it, stop them by an operator's stop",
+        MotorsRunning = 18 => "the motors of the vehicle run although none are commanded: do not approach it; unless somebody flies it by remote control, an operator's stop stops them",
     }
 }
 
