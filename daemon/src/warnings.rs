@@ -105,12 +105,7 @@ fn warnings_along(
     all.extend(path::jump(plan, config));
     all.extend(path::first_turn(config, trajectory));
     all.extend(path::turns_too_fast(config, trajectory));
-    all.extend(disturbances::after_the_end(config, touchdown_s(plan, samples)));
-    let too_heavy = disturbances::too_heavy(config);
-    let is_liftable = too_heavy.is_empty();
-    all.extend(too_heavy);
-    all.extend(is_liftable.then(|| disturbances::beyond_integral(config)).into_iter().flatten());
-    all.extend(disturbances::without_effect(config));
+    all.extend(disturbances::all(config, touchdown_s(plan, samples)));
     all
 }
 

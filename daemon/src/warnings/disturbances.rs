@@ -2,8 +2,15 @@
 
 use oqtal_config::{Config, DisturbanceKind, PlantOptions};
 
+/// All notes on the disturbances of a flight whose planned end is `end_s` from arming \[s\].
+pub(super) fn all(config: &Config, end_s: f64) -> Vec<String> {
+    let too_heavy = too_heavy(config);
+    let carried = if too_heavy.is_empty() { beyond_integral(config) } else { Vec::new() };
+    [after_the_end(config, end_s), too_heavy, carried, without_effect(config)].concat()
+}
+
 /// Notes on disturbances and faults that begin after the planned end of the flight, at `end_s` from arming \[s\].
-pub(super) fn after_the_end(config: &Config, end_s: f64) -> Vec<String> {
+fn after_the_end(config: &Config, end_s: f64) -> Vec<String> {
     let disturbances =
         config.plant.disturb.iter().map(|it| ("disturbance", it.to_string(), it.at_s));
     let faults = config.fault.inject.iter().map(|it| ("fault", it.to_string(), it.at_s));
@@ -17,7 +24,7 @@ pub(super) fn after_the_end(config: &Config, end_s: f64) -> Vec<String> {
 }
 
 /// Notes on gusts that push a vehicle without drag, and so have no effect.
-pub(super) fn without_effect(config: &Config) -> Vec<String> {
+fn without_effect(config: &Config) -> Vec<String> {
     let PlantOptions { drag_per_s, rotors, .. } = &config.plant;
     let drag = [*drag_per_s, rotors.drag_coefficient, rotors.inflow_coefficient];
     let has_drag = drag != [0.0; 3];
@@ -34,7 +41,7 @@ pub(super) fn without_effect(config: &Config) -> Vec<String> {
 }
 
 /// Notes on payloads that the vehicle cannot lift.
-pub(super) fn too_heavy(config: &Config) -> Vec<String> {
+fn too_heavy(config: &Config) -> Vec<String> {
     let plant = &config.plant;
     let most_kg = plant.max_thrust_n / plant.gravity_m_s2 - plant.mass_kg;
     let payloads = plant.disturb.iter().filter_map(|it| match it.kind {
@@ -54,7 +61,7 @@ pub(super) fn too_heavy(config: &Config) -> Vec<String> {
 const TOLD_SHORTAGE_M_S2: f64 = 0.12;
 
 /// Notes on payloads that the integral of the velocity loops cannot carry: the vehicle stays below its reference.
-pub(super) fn beyond_integral(config: &Config) -> Vec<String> {
+fn beyond_integral(config: &Config) -> Vec<String> {
     let (plant, vehicle) = (&config.plant, &config.vehicle);
     let limit = config.position.velocity_integral_limit_m_s2;
     let notes = plant.disturb.iter().filter_map(|it| {
