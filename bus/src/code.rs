@@ -76,7 +76,7 @@ impl Mode {
 
     /// Whether a mission is active, flown or only observed.
     pub fn is_armed(self) -> bool {
-        matches!(self, Self::Flying | Self::Landing | Self::Observing)
+        self.commands_motors() || self == Self::Observing
     }
 }
 

@@ -132,6 +132,7 @@ pub(crate) fn free_kib() -> Option<u64> {
     let space = rustix::fs::statvfs("/dev/shm").ok()?;
     Some(space.f_bavail.saturating_mul(space.f_frsize) / 1024)
 }
+
 /// Remedy for a topic that another process writes: without the writers of most, a vehicle in flight falls.
 fn how_to_end(topic: &str) -> &'static str {
     match topic {

@@ -107,7 +107,7 @@ impl Condition {
         let control = &config.control;
         let configured = control.controller.name();
         let fallback = control.of_fallback().unwrap_or(*control).built_in().name();
-        let is_in_flight = [Mode::Flying, Mode::Landing].map(Mode::code).contains(&mode);
+        let is_in_flight = Mode::from_code(mode).is_some_and(Mode::commands_motors);
         if self.cause == Cause::Fallback.code() || self.is_fallback && is_in_flight {
             let reason = self.fallback_reason(mode, lacks_law);
             return format!("law {fallback} in place of {configured} ({reason})");

@@ -254,7 +254,7 @@ impl OperatorRequests {
         let number = self.next_event();
         let Some(settings) = &self.settings else { return self.present(Answer::Refused) };
         let mut event = EventV1 { number, ..event(request, Answer::Accepted) };
-        let is_flying = [Mode::Flying, Mode::Landing].map(Mode::code).contains(&self.last.mode);
+        let is_flying = Mode::from_code(self.last.mode).is_some_and(Mode::commands_motors);
         let prepared = settings.prepare(command, request).and_then(|prepared| {
             let next = prepared.next_config().filter(|_| is_flying);
             next.map_or(Ok(()), |next| require_braking(settings.present(), next))?;

@@ -42,7 +42,7 @@ impl RecordedView {
     /// The view of a recording.
     ///
     /// # Errors
-    /// The recording has other message definitions or no valid configuration.
+    /// The recording is of a version with other message definitions, or has no valid configuration.
     pub fn of(file: &RecordingFile) -> Result<Self, RecordingFileError> {
         let config: Config = config(file)?;
         let mut collector = Collector::of_recording(&config);

@@ -18,7 +18,7 @@ use crate::sink::{Reception, Sink};
 /// Flight of a recording, identical to the record made by the flight recorder.
 ///
 /// # Errors
-/// The recording has other message definitions or no valid configuration.
+/// The recording is of a version with other message definitions, or has no valid configuration.
 pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let config = config(file)?;
     let mut recorder = Recorder::new(&config);

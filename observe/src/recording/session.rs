@@ -97,7 +97,7 @@ impl RecordingFile {
     /// The record of flight `number`, from 1 on, up to the next one, with the requests of operators before it.
     ///
     /// # Errors
-    /// The recording has other message definitions or no valid configuration, or there is no such flight.
+    /// The recording is of a version with other message definitions, has no valid configuration, or has no such flight.
     pub fn only_flight(&self, number: usize) -> Result<Self, RecordingFileError> {
         let starts = self.starts()?;
         if (1..=starts.len()).contains(&number) {
@@ -129,7 +129,7 @@ impl RecordingFile {
     /// The flights, in order.
     ///
     /// # Errors
-    /// The recording has other message definitions or no valid configuration.
+    /// The recording is of a version with other message definitions, or has no valid configuration.
     pub fn flights(&self) -> Result<Vec<ListedFlight>, RecordingFileError> {
         let is_real = self.wall_offset_ns() != 0;
         let starts = self.starts()?;

@@ -25,8 +25,9 @@ pub(super) fn after_obedience(
     give_up: Time,
 ) -> DaemonAnswer {
     let flies = |answer: &DaemonAnswer| {
-        let mode = answer.as_ref().ok().and_then(Option::as_ref).map(|response| response.mode);
-        mode.is_some_and(|mode| [Mode::Flying, Mode::Landing].map(Mode::code).contains(&mode))
+        let response = answer.as_ref().ok().and_then(Option::as_ref);
+        let mode = response.and_then(|response| Mode::from_code(response.mode));
+        mode.is_some_and(Mode::commands_motors)
     };
     let mut answer = answer;
     while flies(&answer) && Time::now() < give_up {
