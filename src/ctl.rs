@@ -66,17 +66,22 @@ impl CtlArgs {
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
-        let (status, (response, roots)) = match self.command {
-            CtlRequest::Land => (InstanceStatus::default(), land::land(&address, request)?),
+        let bus = match self.command {
+            CtlRequest::Land => None,
             _ => {
                 address.paths.become_owner()?;
-                let bus = running_bus(&address.paths)?;
+                Some(running_bus(&address.paths)?)
+            }
+        };
+        let (status, (response, roots)) = match &bus {
+            None => (InstanceStatus::default(), land::land(&address, request)?),
+            Some(bus) => {
                 self.check_waypoints(named, &address)?;
-                let (response, status) = self.ask(&bus, request, expected)?;
+                let (response, status) = self.ask(bus, request, expected)?;
                 (status, (response, Vec::new()))
             }
         };
-        let lines = [status.lines(), self.notes(&address, &response)].concat();
+        let lines = [status.lines(), self.notes(&address, bus.as_ref(), &response)].concat();
         let report = ControlReport::new(self.command.command(), &response, status, &address.paths)
             .under(&roots);
         let refused = report.check(&response, expected);
@@ -99,8 +104,14 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
-    /// Lines below the answer: of `status` the observers, the faults that the configuration of the daemon injects, and other instances of the name.
-    fn notes(&self, address: &AddressedInstance, response: &ControlResponseV1) -> Vec<String> {
+    /// Lines below the answer: of `status` the observers, the faults that the configuration of the daemon injects, and other instances of
+    /// the name.
+    fn notes(
+        &self,
+        address: &AddressedInstance,
+        bus: Option<&Bus>,
+        response: &ControlResponseV1,
+    ) -> Vec<String> {
         let note = self.trajectory_note(address, response);
         if !matches!(self.command, CtlRequest::Status) {
             return Vec::from_iter(note);
@@ -108,7 +119,7 @@ impl CtlArgs {
         let config = daemon_config(&address.paths);
         let config = config.filter(|config| config.hash() == response.config_hash);
         let faults = config.and_then(|config| injected(&config));
-        let observers = running_bus(&address.paths).map(|bus| observed_by(&bus));
+        let observers = bus.map(observed_by);
         observers.into_iter().chain(faults).chain(namesakes(&address.paths)).collect()
     }
 

@@ -6,8 +6,8 @@ use oqtal_runtime::process::{Exit, Failure};
 ///
 /// # Errors
 /// The number of fields of a row differs from the number of columns (exit code 70).
-pub fn table<'a>(
-    columns: impl Iterator<Item = &'a str>,
+pub fn table(
+    columns: impl Iterator<Item = impl AsRef<[u8]>>,
     rows: impl Iterator<Item = Vec<String>>,
 ) -> Result<String, Failure> {
     let internal = |error: &dyn std::fmt::Display| Failure::new(Exit::Internal, error.to_string());

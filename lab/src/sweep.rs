@@ -1,5 +1,7 @@
 //! `oqtal sweep`: figures of laws over values of any keys of the configuration.
 
+mod axis;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -11,19 +13,17 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
+use self::axis::{Axis, combinations, shown};
 use crate::csv_text;
 use crate::output::{ExistingArgs, StudyOutput, write_file};
 use crate::progress::Progress;
-use crate::study::args::{StudyArgs, parse_seeds, refuse_key_of_study, say_notes};
+use crate::study::args::{StudyArgs, parse_seeds, refuse_key_of_study, say_notes, warnings};
 use crate::study::gains::{self, GainSource};
-use crate::study::law;
+use crate::study::law::{self, StudyLaw};
 use crate::study::metric::{METRIC, METRICS};
 use crate::study::table::{mean_of, set_point_note};
 use crate::study::{Case, Flown, Run, Study, failure, records};
 use crate::text_table;
-
-/// Greatest number of combinations of values \[-\].
-const MOST_COMBINATIONS: usize = 100_000;
 
 /// File of the table.
 const FILE: &str = "sweep.csv";
@@ -56,64 +56,6 @@ pub struct SweepArgs {
     existing: ExistingArgs,
     #[command(flatten)]
     study: StudyArgs,
-}
-
-/// Key of the configuration, and its values.
-#[derive(Clone, Debug, PartialEq)]
-struct Axis {
-    key: String,
-    values: Vec<toml::Value>,
-}
-
-impl Axis {
-    fn parse(text: &str) -> Result<Self, String> {
-        let form = "write KEY=FIRST:LAST:NUMBER, as in plant.rate-lag-ms=30:90:7, or KEY=A,B,C";
-        let (key, values) = text.split_once('=').ok_or_else(|| form.to_owned())?;
-        let key = key.trim().to_owned();
-        let range: Vec<&str> = values.split(':').collect();
-        if let [first, last, number] = range[..] {
-            let end = |text: &str| text.trim().parse::<f64>().ok().filter(|end| end.is_finite());
-            let number = number.trim().parse().ok().filter(|number| (2..=10_000).contains(number));
-            let (Some(first), Some(last), Some(number)) = (end(first), end(last), number) else {
-                return Err(format!("{form}; NUMBER is from 2 to 10000"));
-            };
-            if first == last {
-                return Err(format!("FIRST and LAST are both {first}: write {key}={first}"));
-            }
-            return Ok(Self { key, values: spaced(first, last, number) });
-        }
-        if let [first, last] = range[..] {
-            return Err(format!(
-                "`{values}` has no number of values: write {key}={first}:{last}:7 for seven values from {first} to {last}"
-            ));
-        }
-        if range.len() > 1 {
-            return Err(form.to_owned());
-        }
-        let one = |text: &str| Setting::parse("", &format!("{key}={text}")).map(|s| s.value);
-        let values: Result<_, _> = listed(values).into_iter().map(one).collect();
-        values.map(|values| Self { key: key.clone(), values }).map_err(|_| form.to_owned())
-    }
-}
-
-/// The parts of `text` between commas outside brackets.
-fn listed(text: &str) -> Vec<&str> {
-    let mut depth = 0_i32;
-    let is_border = |letter: char| {
-        depth += i32::from(letter == '[') - i32::from(letter == ']');
-        letter == ',' && depth <= 0
-    };
-    text.split(is_border).collect()
-}
-
-/// `number` values from `first` to `last`; both ends are exact.
-fn spaced(first: f64, last: f64, number: usize) -> Vec<toml::Value> {
-    let steps = (number - 1) as f64;
-    let value = |k: usize| match k + 1 == number {
-        true => last,
-        false => first + (last - first) * k as f64 / steps,
-    };
-    (0..number).map(value).map(toml::Value::from).collect()
 }
 
 /// A combination of values, flown by one law.
@@ -173,12 +115,12 @@ impl SweepArgs {
         self.axes.iter().try_for_each(|axis| refuse_key_of_study(&axis.key, &axis.key))?;
         let combinations = combinations(&self.axes)?;
         let laws = gains::chosen(&self.laws, &self.gains, settings)?;
-        say_notes(self.rate_notes(&combinations, settings));
+        let rate_notes = self.rate_notes(&combinations, settings);
+        let law_notes =
+            laws.iter().filter_map(|law| self.law_note(law, &combinations, &rate_notes));
+        say_notes(rate_notes.iter().cloned().chain(law_notes));
         let case = |values: &Vec<toml::Value>| {
-            let pairs = self.axes.iter().zip(values);
-            let names = pairs.map(|(axis, value)| format!("{}={}", axis.key, shown(value)));
-            let name = names.collect::<Vec<_>>().join(" ");
-            let case = Case::of_seeds(name, self.seeds.clone());
+            let case = Case::of_seeds(self.name_of(values), self.seeds.clone());
             self.swept(values).into_iter().fold(case, Case::with)
         };
         let cases: Vec<Case> = combinations.iter().map(case).collect();
@@ -197,6 +139,35 @@ impl SweepArgs {
         pairs.map(|(axis, value)| Setting::flag("sweep", &axis.key, value.clone())).collect()
     }
 
+    /// Name of a combination: its keys with their values.
+    fn name_of(&self, values: &[toml::Value]) -> String {
+        let pairs = self.axes.iter().zip(values);
+        let names = pairs.map(|(axis, value)| format!("{}={}", axis.key, shown(value)));
+        names.collect::<Vec<_>>().join(" ")
+    }
+
+    /// The first warning of `law` that only combinations cause, other than those `told`, with the first and the number of these.
+    fn law_note(
+        &self,
+        law: &StudyLaw,
+        all: &[Vec<toml::Value>],
+        told: &BTreeSet<String>,
+    ) -> Option<String> {
+        let warnings =
+            |law: &StudyLaw| law.config().map_or_else(|_| Vec::new(), |it| warnings(&it));
+        let known = warnings(law);
+        let is_new = |warning: &String| !known.contains(warning) && !told.contains(warning);
+        let of = |values| warnings(&law.with(&self.swept(values))).into_iter().find(is_new);
+        let mut warned = all.iter().filter_map(|values| Some((self.name_of(values), of(values)?)));
+        let (name, warning) = warned.next()?;
+        let others = match warned.count() {
+            0 => String::new(),
+            1 => " and another combination".to_owned(),
+            count => format!(" and {count} other combinations"),
+        };
+        Some(format!("{} at {name}{others}: {warning}", law.name))
+    }
+
     /// Notes on combinations whose loop acts at another rate than the laws are designed for, unless it is so without them.
     fn rate_notes(&self, all: &[Vec<toml::Value>], settings: &[Setting]) -> BTreeSet<String> {
         let config = |own: &[Setting]| Config::from_settings(&[settings, own].concat()).ok();
@@ -210,13 +181,16 @@ impl SweepArgs {
         let keys = self.axes.iter().map(|axis| axis.key.as_str());
         let names = keys
             .chain(["controller", "landed", "as_planned"])
-            .chain(METRIC.map(|metric| metric.key));
+            .chain(METRIC.map(|metric| metric.key))
+            .map(str::to_owned)
+            .chain(METRIC.map(|metric| format!("{}_sd", metric.key)));
         let fields = |row: &SweepRow| {
             let values = row.values.iter().map(shown);
             let shares = [row.landed(), row.as_planned()].map(csv_text::number);
             let own = [row.flown.law.name.clone()].into_iter().chain(shares);
             let figures = row.flown.mean_of_landed().map(csv_text::number);
-            values.chain(own).chain(figures).collect()
+            let deviations = row.flown.deviation_of_landed().map(csv_text::number);
+            values.chain(own).chain(figures).chain(deviations).collect()
         };
         csv_text::table(names, rows.iter().map(fields))
     }
@@ -290,39 +264,6 @@ impl SweepArgs {
     }
 }
 
-/// All combinations of the axes' values; the last axis varies fastest.
-fn combinations(axes: &[Axis]) -> Result<Vec<Vec<toml::Value>>, Failure> {
-    let mut keys = BTreeSet::new();
-    if let Some(Axis { key, .. }) = axes.iter().find(|axis| !keys.insert(&axis.key)) {
-        let reason = format!("{key} is given twice; give all its values once, as {key}=A,B,C");
-        return Err(Failure::new(Exit::Usage, reason));
-    }
-    let count = axes.iter().try_fold(1_usize, |count, axis| count.checked_mul(axis.values.len()));
-    if count.is_none_or(|count| count > MOST_COMBINATIONS) {
-        let reason = format!("more than {MOST_COMBINATIONS} combinations; sweep fewer values");
-        return Err(Failure::new(Exit::Usage, reason));
-    }
-    let mut all = vec![Vec::new()];
-    for axis in axes {
-        let longer = |values: &Vec<toml::Value>| {
-            let with =
-                |value: &toml::Value| [values.as_slice(), std::slice::from_ref(value)].concat();
-            axis.values.iter().map(with).collect::<Vec<_>>()
-        };
-        all = all.iter().flat_map(longer).collect();
-    }
-    Ok(all)
-}
-
-/// A value as text in a table; numbers are rounded to nine decimals.
-fn shown(value: &toml::Value) -> String {
-    match value {
-        toml::Value::String(text) => text.clone(),
-        toml::Value::Float(number) => format!("{}", (number * 1e9).round() / 1e9),
-        other => other.to_string(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -338,20 +279,16 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_is_evenly_spaced_or_listed() {
-        let lag = Axis::parse("plant.rate-lag-ms=30:90:3").unwrap();
-        assert_eq!(lag.values, [30.0, 60.0, 90.0].map(toml::Value::from));
-        let cells = Axis::parse("control.oqtal.cells=floor,centred").unwrap();
-        assert_eq!(cells.values, ["floor", "centred"].map(toml::Value::from));
-        let walls = Axis::parse("fence.x-m=[-3,3],[-4.0,4.0]").unwrap();
-        let texts: Vec<String> = walls.values.iter().map(toml::Value::to_string).collect();
-        assert_eq!(texts, ["[-3, 3]", "[-4.0, 4.0]"]);
-        assert!(Axis::parse("lag=30:90").unwrap_err().contains("write lag=30:90:7"));
-        for text in
-            ["lag", "lag=1:2", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3", "lag=4:4:3"]
-        {
-            assert!(Axis::parse(text).is_err(), "{text}");
-        }
+    fn a_law_that_oscillates_with_some_of_the_values_is_named_with_the_first() {
+        let sweep = parsed(&["vehicle.rate-lag-ms=50,400,500,600"]).unwrap();
+        let note = |law, settings: &[Setting]| {
+            let all = combinations(&sweep.axes).unwrap();
+            sweep.law_note(&StudyLaw::new(law, settings.to_vec(), ""), &all, &BTreeSet::new())
+        };
+        let told = note("oqtal", &[]).unwrap();
+        assert!(told.starts_with("oqtal at vehicle.rate-lag-ms=400 and 2 other combinations: "));
+        let always = [Setting::flag("test", "vehicle.rate-lag-ms", 400.0)];
+        assert!(note("oqtal", &always).is_none_or(|told| !told.contains("=400")), "known before");
     }
 
     #[test]
@@ -383,16 +320,5 @@ mod tests {
     fn an_option_of_campaign_is_refused_with_the_option_of_a_sweep() {
         let refused = parsed(&["plant.mass-kg=1,2", "--runs", "3"]).unwrap_err().to_string();
         assert!(refused.contains("--seeds"), "{refused}");
-    }
-
-    #[test]
-    fn combinations_are_all_of_them_and_bounded() {
-        let axis = |text| Axis::parse(text).unwrap();
-        let all = combinations(&[axis("a=1:2:2"), axis("b=x,y,z")]).unwrap();
-        assert_eq!(all.len(), 6);
-        assert_eq!(all[1], [toml::Value::from(1.0), toml::Value::from("y")]);
-        assert!(combinations(&[axis("a=0:1:1000"), axis("b=0:1:1000")]).is_err());
-        let twice = combinations(&[axis("a=1,2"), axis("b=1"), axis("a=3")]).unwrap_err();
-        assert_eq!(twice.exit, Exit::Usage);
     }
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use oqtal_control::statistics::{mean, standard_deviation};
 
 use super::Flown;
-use super::metric::VELOCITY;
+use super::metric::{Figures, VELOCITY};
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// A column over rows `R`.
@@ -73,6 +73,15 @@ pub fn set_point_note(rows: &[Flown]) -> &'static str {
 pub type RowNames = (String, Variant, String);
 
 impl Flown {
+    /// Standard deviation of each figure over the flights that landed as planned; NaN of less than two, and where their mean is NaN.
+    pub fn deviation_of_landed(&self) -> Figures {
+        let means = self.mean_of_landed();
+        std::array::from_fn(|metric| match self.landed(metric) {
+            values if values.len() > 1 && means[metric].is_finite() => standard_deviation(&values),
+            _ => f64::NAN,
+        })
+    }
+
     /// Names of the row of a sheet: the law with the remark on its gains.
     pub fn names(&self) -> RowNames {
         (self.law.name.clone(), self.law.variant, self.law.remark.clone())
