@@ -47,7 +47,7 @@ const MAX_POSE_INTERVAL_PERIODS: f64 = 3.5;
 /// Arguments of `oqtal fly`.
 #[derive(Args, Clone, Debug)]
 pub struct FlyArgs {
-    #[arg(long, value_name = "NAME", help = format!("Attitude law: {}", ControllerName::NAMES.join(", ")))]
+    #[arg(long, value_name = "NAME", help = format!("Attitude law: {}, or external, a law in a process of its own", ControllerName::NAMES.join(", ")))]
     controller: Option<String>,
     /// Trajectory: hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet, excitation,
     /// brief-excitation or waypoints

@@ -169,11 +169,13 @@ impl Envelope {
         exceeded.map_or(HandoverCause::None, |(cause, _)| cause)
     }
 
-    /// Whether a vehicle that moves as `reference` could stop inside the fence by the margin.
-    pub(crate) fn has_stop(&self, reference: &Reference) -> bool {
+    /// Where a vehicle that moves as `reference` would come to rest, if it brakes after the horizon: distance inside the fence and height in
+    /// the world \[m\].
+    pub(crate) fn stop_of(&self, reference: &Reference) -> [f64; 2] {
         let Reference { position, velocity, .. } = *reference;
+        let position = position + velocity * self.horizon_s;
         let rest = self.rest(&Motion { position, velocity, ..Motion::default() });
-        self.fence.inside_m(&rest) >= self.margin_m
+        [self.fence.inside_m(&rest), rest.z]
     }
 
     /// Where the vehicle comes to rest from `motion` \[m, world\].

@@ -47,7 +47,7 @@ pub struct TuneArgs {
     /// Greatest number of points to evaluate for each law: the first, and whole generations of the search
     #[arg(long, value_name = "N", default_value_t = Budget::default().points, value_parser = parse_points)]
     budget: usize,
-    /// Seed of the optimiser
+    /// Seed of the optimiser; `quasi-newton` has no use for one
     #[arg(long, value_name = "N", default_value_t = Budget::default().seed)]
     seed: u64,
     /// Seeds of the flights (both included)
@@ -83,8 +83,9 @@ const LEAST_DISK_MARGIN: f64 = 0.15;
 /// Arguments of `oqtal tune --live`.
 #[derive(Args, Debug)]
 pub struct LiveArgs {
-    /// Tune the law that flies for the vehicle that hovers under a running daemon: it flies an excitation of 20 s from where it is
-    #[arg(long, conflicts_with_all = ["what", "seeds", "spread", "config", "set", "trajectory", "resume", "force"])]
+    /// Tune the active law for the vehicle that hovers under a running daemon; the vehicle first flies an excitation of 20 s from
+    /// where it is
+    #[arg(long, conflicts_with_all = ["what", "seeds", "spread", "config", "set", "trajectory", "plant", "resume", "force"])]
     pub live: bool,
     /// With --live: change the gains in flight, and compare the hover before and after
     #[arg(long, requires = "live")]

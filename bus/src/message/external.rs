@@ -68,7 +68,8 @@ message! {
         greatest_rate: [f64; 3] ["rad/s, body"],
         /// Greatest torque about each axis.
         greatest_torque: f64 ["N m, body"],
-        /// Acceleration of the reference, also of a `goto` or a stop on the way; zero where a planner sends none.
+        /// Acceleration of the reference, also of a `goto` or a stop on the way; zero where a planner sends none, or where its references
+        /// do not continue one another.
         reference_acceleration: [f64; 3] ["m/s^2, world"],
         /// Jerk of the trajectory or of the planner; zero on the way of a `goto` and where a planner sends none.
         reference_jerk: [f64; 3] ["m/s^3, world"],

@@ -21,19 +21,28 @@ pub(crate) fn note_below_envelope(config: &Config, lowest_m: f64) -> Option<Stri
 }
 
 /// Note that the fallback flies in place of the law of `config` from where the vehicle, in the motion of one of the references `flown`, of
-/// these times from arming \[s\], could not stop inside the fence; `None` if it could everywhere, or no fallback flies.
-pub(crate) fn note_near_fence<'a>(
+/// these times from arming \[s\], could not stop inside the fence and above the floor, at height zero; `None` if it could everywhere, or no
+/// fallback flies.
+pub(crate) fn note_near_border<'a>(
     config: &Config,
     mut flown: impl Iterator<Item = &'a (f64, Reference)>,
 ) -> Option<String> {
     let envelope = Envelope::new(config).ok().filter(|_| is_guarded(config))?;
-    let (t_s, near) = flown.find(|(_, reference)| !envelope.has_stop(reference))?;
+    let margin_m = config.envelope.fence_margin_m;
+    let border = |reference| match envelope.stop_of(reference) {
+        [inside_m, _] if inside_m < margin_m => Some(["inside [fence]", "widen the fence"]),
+        [_, height_m] if height_m < margin_m + BELOW_REFERENCE_M => {
+            Some(["above the floor", "fly higher"])
+        }
+        _ => None,
+    };
+    let (t_s, near, [place, remedy]) =
+        flown.find_map(|(t_s, near)| border(near).map(|words| (t_s, near, words)))?;
     let ([x, y, z], speed_m_s): ([f64; 3], f64) = (near.position.into(), near.velocity.norm());
     Some(format!(
-        "at {:.1} s, at [{x:.2}, {y:.2}, {z:.2}] m and {speed_m_s:.2} m/s, the fallback law flies instead of control.controller = \"{}\": it takes over whenever the vehicle could not stop envelope.fence-margin-m = {} inside [fence]; lower that margin, widen the fence, or fly more slowly",
+        "at {:.1} s, at [{x:.2}, {y:.2}, {z:.2}] m and {speed_m_s:.2} m/s, the fallback law flies instead of control.controller = \"{}\": it takes over whenever the vehicle could not stop envelope.fence-margin-m = {margin_m} {place}; lower that margin, {remedy}, or fly more slowly",
         t_s - config.trajectory.start_s(),
         config.control.controller,
-        config.envelope.fence_margin_m
     ))
 }
 

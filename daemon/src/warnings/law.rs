@@ -4,7 +4,7 @@ use oqtal_config::Config;
 use oqtal_control::controller::{ControlOptions, ControllerName};
 use oqtal_control::trajectory::{Phase, Reference};
 
-use super::guarded::{note_below_envelope, note_near_fence};
+use super::guarded::{note_below_envelope, note_near_border};
 use crate::law_guard::note_on_fallback;
 
 /// Note that the configured law has no effect, because the vehicle has its own attitude loop.
@@ -65,7 +65,7 @@ pub(super) fn outside_envelope(samples: &[(f64, Reference)], config: &Config) ->
     };
     let flown = samples.iter().filter(is_flight);
     let lowest_m = flown.clone().map(|(_, it)| it.position.z).fold(f64::INFINITY, f64::min);
-    note_below_envelope(config, lowest_m).or_else(|| note_near_fence(config, flown))
+    note_below_envelope(config, lowest_m).or_else(|| note_near_border(config, flown))
 }
 
 /// Note that gains of position loops are changed that do not fly.

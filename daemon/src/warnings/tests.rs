@@ -57,6 +57,14 @@ fn f70_a_path_on_which_the_envelope_leaves_the_law_no_room_is_told() {
         let text = height(low, guarded);
         assert!(text.contains("at 0.20 m above the floor the fallback law flies"), "{text}");
         assert_eq!(height(high, guarded), "", "{guarded}");
+        let upright = |height: &str| {
+            let plane = "trajectory.lemniscate.plane=upright";
+            told(&["trajectory.kind=lemniscate", plane, height, guarded], None).join("\n")
+        };
+        // Its lowest point is 0.325 m below its middle.
+        let text = upright("trajectory.height-m=0.73");
+        assert!(text.contains("0.3 above the floor; lower that margin, fly higher"), "{text}");
+        assert_eq!(upright("trajectory.height-m=0.85"), "", "{guarded}");
         // To 2 m beside the start, at 1 m/s.
         let circle = ["trajectory.kind=circle", "trajectory.circle.radius-m=1", guarded];
         let fast = ["trajectory.circle.period-s=6.283", "position.horizontal-velocity-limit-m-s=2"];

@@ -85,14 +85,12 @@ pub struct LiveTuning {
 /// The law of `config`, whose gains can be searched for.
 ///
 /// # Errors
-/// The law has no gains, or the vehicle is not commanded by rates (exit code 64).
+/// The law is external, or the vehicle is not commanded by rates (exit code 64).
 pub fn law_of(config: &Config) -> Result<ControllerName, Failure> {
     check_interface(config)?;
-    let name = config.control.controller.name();
-    law::of_name(name).filter(|_| !config.control.is_external()).ok_or_else(|| {
-        let reason = format!(
-            "the law `{name}` has no gains here; the request `controller oqtal-dt` changes the law"
-        );
+    let own = law::of_name(config.control.controller.name());
+    own.filter(|_| !config.control.is_external()).ok_or_else(|| {
+        let reason = "an external law has no gains here: restart the processes with another control.controller";
         Failure::new(Exit::Usage, reason)
     })
 }
