@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use nalgebra::Vector3;
-use oqtal_control::controller::{InputForm, OqtalDtOptions, RateInput};
+use oqtal_control::controller::{Controller, InputForm, OqtalDt, OqtalDtOptions, RateInput};
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
     Autopilot, Bias, CommandHistory, Design, FilterOptions, Integration, MeasuredPose, ModelInput,
@@ -26,7 +26,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let input = RateInput::new(Vector3::repeat(2.0))?.with_lag(0.05, PERIOD_S)?;
     let design = Design { model, input, period_s: PERIOD_S, turning_jerk_m_s3: f64::INFINITY };
     let (options, limits) = (PredictiveOptions::default(), PositionOptions::default());
-    let mut autopilot = Autopilot::new(design, OqtalDtOptions::default(), &options, &limits)?;
+    let law = Controller::OqtalDt(OqtalDt::new(OqtalDtOptions::default(), input, PERIOD_S)?);
+    let mut autopilot = Autopilot::new(design, law, &options, &limits);
 
     let pose =
         |motion: &Motion| MeasuredPose { position: motion.position, attitude: motion.attitude };

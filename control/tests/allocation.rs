@@ -6,7 +6,7 @@ mod counter;
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, AttitudeState, ControlOptions, Controller, ControllerName,
-    InputForm, OqtalDtOptions, RateInput, TorqueInput,
+    InputForm, OqtalDt, OqtalDtOptions, RateInput, TorqueInput,
 };
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
@@ -77,8 +77,8 @@ fn the_autopilot_does_not_allocate_in_a_step() {
     let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
     let design = Design { model, input, period_s: DT_S, turning_jerk_m_s3: f64::INFINITY };
     let (options, loops) = (PredictiveOptions::default(), PositionOptions::default());
-    let mut autopilot =
-        Autopilot::new(design, OqtalDtOptions::default(), &options, &loops).unwrap();
+    let law = OqtalDt::new(OqtalDtOptions::default(), input, DT_S).unwrap();
+    let mut autopilot = Autopilot::new(design, Controller::OqtalDt(law), &options, &loops);
     let reference = Reference::rest(Vector3::new(1.3, 0.0, 1.0), Phase::Trajectory);
     let pose = MeasuredPose { position: Vector3::zeros(), attitude: Attitude::LEVEL };
     let mut tracker =

@@ -14,7 +14,7 @@ mod noise;
 mod reference;
 
 use nalgebra::Vector3;
-use oqtal_control::controller::{OqtalDtOptions, RateInput};
+use oqtal_control::controller::{Controller, OqtalDt, OqtalDtOptions, RateInput};
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
     Autopilot, Design, FilterOptions, Integration, MeasuredPose, MotionTracker, PredictiveOptions,
@@ -50,8 +50,9 @@ fn autopilot() -> Autopilot<RateInput> {
         period_s: PERIOD_S,
         turning_jerk_m_s3: f64::INFINITY,
     };
-    let (law, options) = (OqtalDtOptions::default(), PredictiveOptions::default());
-    Autopilot::new(design, law, &options, &PositionOptions::default()).unwrap()
+    let law = OqtalDt::new(OqtalDtOptions::default(), sticks(), PERIOD_S).unwrap();
+    let (options, loops) = (PredictiveOptions::default(), PositionOptions::default());
+    Autopilot::new(design, Controller::OqtalDt(law), &options, &loops)
 }
 
 /// Noise by which the daemon admits poses, as shipped.

@@ -194,7 +194,7 @@ impl Cycle {
         let is_fresh = fresh.is_some();
         let dt_s = self.timing.tick(now, !is_fresh);
 
-        let sent = *self.control.sent();
+        let sent = self.control.sent();
         let (directive, restarts) = self.supervision.step(now, is_fresh, &mut self.intake, &sent);
         let is_landing = self.supervision.mode() == Mode::Landing;
         let reference = self.supervision.course().setpoint().reference.as_ref();
@@ -251,7 +251,7 @@ impl Cycle {
             tick,
             directive,
             intake: &self.intake,
-            last: self.control.sent(),
+            last: &self.control.sent(),
             reference_ahead: self.supervision.course().reference_at(acts_at, offset_rad),
             of_fallback,
             is_free: self.supervision.is_free_flight(),
@@ -297,7 +297,7 @@ impl Cycle {
     /// Records that the command of the last tick was published, and returns the telemetry of that tick.
     pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> &TelemetryV1 {
         let sent_at = stamps.command_published_at;
-        self.intake.sent(command_sequence, sent_at, self.control.sent());
+        self.intake.sent(command_sequence, sent_at, &self.control.sent());
         // If the tick is overdue, lateness counts from its deadline and not from its pose, which is recent.
         let deadline = self.timing.deadline;
         let due = Some(stamps.pose_published_at).filter(|at| at.is_set());

@@ -15,7 +15,7 @@ use oqtal_runtime::process::Failure;
 
 use crate::fence::Fence;
 use crate::floor::LEAST_PLAN_M;
-use crate::flyable::{check_demand, least_settle_s};
+use crate::flyable::{check_demand, least_settle_s, tried};
 use crate::setpoint::{LARGEST_TURN_RAD, turns_round};
 use crate::waypoint_file::trajectory as trajectory_of;
 use ways::{TICK_POINTS, corners, lowest, point_s, references};
@@ -47,7 +47,7 @@ fn lacks_room(
 ) -> impl Fn(f64) -> bool {
     let sampled = OnceCell::new();
     move |slower| {
-        let points: &Vec<_> = sampled.get_or_init(|| references(config, trajectory).collect());
+        let points: &Vec<_> = sampled.get_or_init(|| tried(references(config, trajectory)));
         let from = start.unwrap_or_default();
         let ways = Way::both_flown(config, points.iter().copied(), (from, slower));
         match start {

@@ -27,8 +27,9 @@ const FLOOR_SPEED_SHARE: f64 = 0.8;
 /// Least value of `trajectory.descent-m-s` \[m/s\].
 const LEAST_DESCENT_M_S: f64 = 0.05;
 
-/// Greatest factor of time that is tried \[-\].
+/// Greatest factor of time that is tried \[-\], and most points at which the factors are tried \[-\].
 const SLOWEST: f64 = 1e3;
+const MOST_TRIED: usize = 8000;
 
 /// A limit with its key and value, and the demand on it.
 struct Demand {
@@ -107,13 +108,20 @@ impl<'a> PhaseDemand<'a> {
         excessive.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
     }
 
+    /// The phase at the points at which factors of time are tried.
+    fn thinned(&self) -> Self {
+        Self { references: tried(self.references.iter().copied()), ..*self }
+    }
+
     /// Refuses the phase if it exceeds a limit. The factor of time in the error is the least one with which the flight also has room, or else
     /// the least one with which it exceeds no limit.
     fn check(&self, lacks_room: impl Fn(f64) -> bool) -> Result<(), OptionError> {
         let Some((t_s, demand)) = self.worst(1.0) else { return Ok(()) };
-        let exceeds = |slower| self.worst(slower).is_some();
+        let tried = self.thinned();
+        let exceeds = |slower| tried.worst(slower).is_some();
         let factor = least_factor(|slower| exceeds(slower) || lacks_room(slower));
         let factor = factor.or_else(|| least_factor(exceeds));
+        let factor = factor.filter(|slower| self.worst(*slower).is_none());
         Err(demand.refusal(self.phase, t_s, factor, self.config))
     }
 }
@@ -136,7 +144,15 @@ pub(crate) fn check_demand(
 /// Whether the trajectory exceeds a limit of the vehicle or of the flight when it is flown this many times as slowly \[-\].
 pub(crate) fn exceeding(config: &Config, trajectory: &Trajectory) -> impl Fn(f64) -> bool {
     let demand = PhaseDemand::of(config, trajectory, Phase::Trajectory).ok();
-    move |slower| demand.as_ref().is_some_and(|demand| demand.worst(slower).is_some())
+    let tried = demand.map(|demand| demand.thinned());
+    move |slower| tried.as_ref().is_some_and(|demand| demand.worst(slower).is_some())
+}
+
+/// The points at which factors of time are tried: at most [`MOST_TRIED`] of `all`, evenly spread.
+pub(crate) fn tried<T>(all: impl IntoIterator<Item = T>) -> Vec<T> {
+    let all = Vec::from_iter(all);
+    let step = all.len().div_ceil(MOST_TRIED).max(1);
+    all.into_iter().step_by(step).collect()
 }
 
 /// Refuses a descent that is too fast for the speed limit.

@@ -2,7 +2,8 @@
 //! answer. The packets are described in docs/your-own-law.md.
 //!
 //! The background thread accepts a connection of the same user and passes it to the loop. The loop sends the question, waits for the
-//! answer until its deadline, and discards answers to earlier questions; all memory is on the stack. In virtual time, which stands
+//! answer until its deadline, and discards answers to earlier questions and those that came before the question; all memory is on the
+//! stack. In virtual time, which stands
 //! still meanwhile, it waits for the first connection, and up to ten seconds for an answer.
 
 use std::os::fd::OwnedFd;
@@ -26,6 +27,8 @@ const QUESTION: [u8; 8] = *b"OQTALST1";
 const ANSWER: [u8; 8] = *b"OQTALEX1";
 /// Length of the part of an answer that the law sends, up to the thrust \[bytes\].
 const ANSWERED: usize = 8 * (1 + 3 + 3 + 4 + 1);
+/// Most packets of a law that may wait when the next question is asked \[-\].
+const MOST_WAITING: usize = 64;
 /// Longest wait after which the stop flag is checked.
 const STOP_CHECK: Span = Span::from_millis(20);
 /// Longest time for an answer in virtual time, by the clock of the machine. It is halved after each missing answer, and restored by
@@ -97,34 +100,60 @@ impl SocketLaw {
         }
     }
 
-    /// The answer to the question `sequence`, or a malformed packet, as soon as it arrives, with the instant of its receipt; at `until` the
-    /// newest other answer, or `None`; the reason in place of an answer if the law ends first.
-    fn receive(&mut self, sequence: u64, until: Time) -> Option<ExternalV1> {
-        let (mut bytes, mut other) = ([0; ANSWER.len() + ANSWERED + 1], None);
+    /// The next packet, with the instant of its receipt; `None` if none has arrived, or if the law has ended, which is then disconnected.
+    fn arrived(&mut self) -> Option<ExternalV1> {
+        let mut bytes = [0; ANSWER.len() + ANSWERED + 1];
+        let connection = self.connection.as_ref()?;
+        match recv(connection, &mut bytes, RecvFlags::DONTWAIT) {
+            // An empty packet is received like the end of the connection.
+            Ok((_, length)) if length > 0 || is_connected(connection) => {
+                Some(ExternalV1 { answered_at: Time::now(), ..decoded(&bytes[..length]) })
+            }
+            Err(Errno::AGAIN | Errno::INTR) => None,
+            Ok(_) | Err(_) => {
+                self.disconnect();
+                None
+            }
+        }
+    }
+
+    /// The newest packet that arrived before the question `sequence`; an answer to that question or a later one answers none. A law that
+    /// sent more than [`MOST_WAITING`] is disconnected.
+    fn early(&mut self, sequence: u64) -> Option<ExternalV1> {
+        let mut newest = None;
+        for _ in 0..MOST_WAITING {
+            let Some(answer) = self.arrived() else { return newest };
+            let is_late = answer.sequence < sequence;
+            newest =
+                Some(ExternalV1 { sequence: if is_late { answer.sequence } else { 0 }, ..answer });
+        }
+        self.disconnect();
+        newest
+    }
+
+    /// The answer to the question `sequence`, or a malformed packet, as soon as it arrives; at `until` the newest other answer, or `early`;
+    /// the reason in place of an answer if the law ends first.
+    fn receive(
+        &mut self,
+        sequence: u64,
+        until: Time,
+        early: Option<ExternalV1>,
+    ) -> Option<ExternalV1> {
+        let mut other = early;
         while !self.stop.is_set() {
-            let Some(connection) = self.connection.as_ref() else {
-                return other.or(Some(without_answer(HandoverCause::Ended)));
-            };
-            let received = match recv(connection, &mut bytes, RecvFlags::DONTWAIT) {
-                // An empty packet is received like the end of the connection.
-                Ok((_, length)) if length > 0 || is_connected(connection) => {
-                    Some(decoded(&bytes[..length]))
-                }
-                Err(Errno::AGAIN | Errno::INTR) => {
-                    wait_readable(connection, until.since(Time::now()));
-                    None
-                }
-                Ok(_) | Err(_) => {
-                    self.disconnect();
-                    continue;
-                }
-            };
-            let now = Time::now();
-            other = received.map(|answer| ExternalV1 { answered_at: now, ..answer }).or(other);
+            let received = self.arrived();
             let is_found = received
                 .is_some_and(|answer| answer.sequence == sequence || reason_of(&answer).is_some());
-            if is_found || now >= until {
-                break;
+            let now = Time::now();
+            other = received.or(other);
+            match self.connection.as_ref() {
+                _ if is_found => break,
+                None => return other.or(Some(without_answer(HandoverCause::Ended))),
+                _ if now >= until => break,
+                Some(connection) if received.is_none() => {
+                    wait_readable(connection, until.since(now));
+                }
+                Some(_) => {}
             }
         }
         other
@@ -138,20 +167,22 @@ impl ExternalLaw for SocketLaw {
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
         let is_virtual = !state.answer_by.is_set();
         self.connect(is_virtual);
-        let Some(connection) = self.connection.as_ref() else {
+        if self.connection.is_none() {
             return Some(without_answer(HandoverCause::Absent));
-        };
+        }
+        let early = self.early(state.sequence);
         let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
         bytes[..QUESTION.len()].copy_from_slice(&QUESTION);
         state.encode(&mut bytes[QUESTION.len()..]);
         let asked_at = Time::now();
         // A law that does not read leaves its buffer full: it gets no further question.
-        match send(connection, &bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL) {
-            Ok(_) | Err(Errno::AGAIN) => {}
-            Err(_) => self.disconnect(),
+        let flags = SendFlags::DONTWAIT | SendFlags::NOSIGNAL;
+        match self.connection.as_ref().map(|connection| send(connection, &bytes, flags)) {
+            Some(Ok(_) | Err(Errno::AGAIN)) => {}
+            Some(Err(_)) | None => self.disconnect(),
         }
         let until = if is_virtual { asked_at + self.virtual_timeout } else { state.answer_by };
-        let answer = self.receive(state.sequence, until);
+        let answer = self.receive(state.sequence, until, early);
         if !is_virtual {
             return answer.map(|answer| ExternalV1 { asked_at, ..answer });
         }
@@ -261,24 +292,30 @@ mod tests {
         listener.poll();
         listener.poll();
         let mut law = SocketLaw::new(receiver, StopFlag::default());
-        // Late, right, twice; then nothing but the second of the two.
-        for sequence in [4, 5, 5] {
-            answers(&first, sequence);
-        }
         let ask = |law: &mut SocketLaw, sequence, budget_ms| {
             let answer_by = Time::now() + Span::from_millis(budget_ms);
             law.answer(&StateV1 { sequence, answer_by, ..StateV1::default() })
         };
-        let answer = ask(&mut law, 5, 60_000).unwrap();
+        // Late; after the question the right one, twice.
+        answers(&first, 4);
+        let answer = std::thread::scope(|threads| {
+            threads.spawn(|| {
+                let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
+                let (_, length) = recv(&first, &mut bytes, RecvFlags::empty()).unwrap();
+                let begin = (length, &bytes[..16]);
+                assert_eq!(begin, (bytes.len(), &b"OQTALST1\x05\0\0\0\0\0\0\0"[..]));
+                answers(&first, 5);
+                answers(&first, 5);
+            });
+            ask(&mut law, 5, 60_000).unwrap()
+        });
         assert_eq!((answer.sequence, answer.thrust), (5, 4.9));
         assert!(answer.answered_at >= answer.asked_at && answer.asked_at.is_set());
         assert_eq!(ask(&mut law, 6, 1).unwrap().sequence, 5, "the answer to another question");
         assert_eq!(ask(&mut law, 7, 1), None);
         send(&first, &ANSWER, SendFlags::empty()).unwrap();
         assert_eq!(ask(&mut law, 7, 1).unwrap().verdict, HandoverCause::Malformed.code());
-        let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
-        let (_, length) = recv(&first, &mut bytes, RecvFlags::empty()).unwrap();
-        assert_eq!((length, &bytes[..16]), (bytes.len(), &b"OQTALST1\x05\0\0\0\0\0\0\0"[..]));
+        let mut bytes = [0; 8];
         assert_eq!(recv(&second, &mut bytes, RecvFlags::empty()).unwrap().1, 0, "refused");
         drop(first);
         // A law that is gone is not waited for.
@@ -351,7 +388,15 @@ mod tests {
         assert_eq!(ask(2), None);
         send(&connected, &[], SendFlags::empty()).unwrap();
         assert_eq!(ask(3), Some((0, Some(HandoverCause::Malformed))));
-        answers(&connected, 4);
-        assert_eq!(ask(4), Some((4, None)), "it is still connected");
+        answers(&connected, 3);
+        assert_eq!(ask(4), Some((3, None)), "it is still connected");
+        for sequence in 5..8 {
+            answers(&connected, sequence);
+        }
+        assert_eq!(ask(5), Some((0, None)), "answers to questions that were not asked yet");
+        assert_eq!([ask(6), ask(7)], [None, None], "none of them is kept");
+        (0..=MOST_WAITING as u64).for_each(|_| answers(&connected, 9));
+        assert_eq!(ask(8), Some((0, None)));
+        assert_eq!(ask(9), Some((0, Some(HandoverCause::Absent))), "disconnected");
     }
 }

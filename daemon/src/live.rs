@@ -28,7 +28,7 @@ use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
 use crate::warnings::{note_below_envelope, oscillates, quick_warnings, without_effect};
-use crate::waypoint_file::{ReadSettings, WAYPOINTS_KEY, require_regular_file};
+use crate::waypoint_file::{ReadSettings, WAYPOINTS_KEY, require_readable_file};
 
 /// Number of changes of settings that can be taken back \[-\].
 const MOST_UNDONE: usize = 32;
@@ -323,7 +323,7 @@ impl LiveSettings {
             let reason = "no file to reload: the daemon was started without a file, or with a copy, config.toml of a flight or an instance, which does not have later edits; name the file";
             return Err(Refusal::of_setting(reason));
         }
-        files.iter().try_for_each(|file| require_regular_file(file))?;
+        files.iter().try_for_each(|file| require_readable_file(file))?;
         // First: an edit from now on is told once too often, and never lost.
         let reread = reread_comments(&self.present.reread, files);
         let mut settings = Vec::new();
@@ -367,7 +367,7 @@ impl LiveSettings {
                 Ok(ReadSettings { config, waypoints: Some(points.clone()), ..present })
             }
             _ => {
-                file.iter().try_for_each(|file| require_regular_file(file))?;
+                file.iter().try_for_each(|file| require_readable_file(file))?;
                 Ok(ReadSettings { reread: present.reread, ..ReadSettings::reading(config)? })
             }
         }

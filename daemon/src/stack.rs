@@ -3,8 +3,7 @@
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeState, Controller, ControllerName, InputForm, LawTerms, RateInput,
-    TorqueInput,
+    AttitudeLaw, AttitudeState, Controller, InputForm, LawTerms, RateInput, TorqueInput,
 };
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
@@ -182,25 +181,16 @@ impl ControlStack {
     pub fn yield_to(&mut self, command: &VehicleCommand, tracker: &MotionTracker) {
         let VehicleCommand::Armed { rotation, .. } = command else { return };
         match self {
-            Self::Rate(Stack { loops: Loops::Predictive(autopilot), .. }) => {
-                autopilot.yield_to(&rotation.vector(), tracker);
-            }
-            Self::Torque(Stack { loops: Loops::Predictive(autopilot), .. }) => {
-                autopilot.yield_to(&rotation.vector(), tracker);
-            }
-            // A fallback always has predictive loops.
-            _ => {}
+            Self::Rate(stack) => stack.yield_to(&rotation.vector(), tracker),
+            Self::Torque(stack) => stack.yield_to(&rotation.vector(), tracker),
         }
     }
 
     /// Stops the vehicle from the next tick on; without effect on a stack without a model of the reference.
     pub fn begin_stop(&mut self) {
         match self {
-            Self::Rate(Stack { loops: Loops::Predictive(autopilot), .. }) => autopilot.begin_stop(),
-            Self::Torque(Stack { loops: Loops::Predictive(autopilot), .. }) => {
-                autopilot.begin_stop();
-            }
-            _ => {}
+            Self::Rate(stack) => stack.begin_stop(),
+            Self::Torque(stack) => stack.begin_stop(),
         }
     }
 
@@ -231,23 +221,18 @@ where
             // The motion is predicted for the effect of the command.
             control.indi.input_delay_ticks = 0;
         }
-        let law = || Controller::new(&control, input).map_err(|error| error.within("control"));
+        let law = Controller::new(&control, input).map_err(|error| error.within("control"))?;
         let loops = if control.is_predictive() {
             let model = CommandModel::new(config)?.model;
             let turning_jerk_m_s3 = turning_jerk_m_s3(config);
             let design =
                 Design { model, input, period_s: 1.0 / control.rate_hz, turning_jerk_m_s3 };
-            let autopilot =
-                Autopilot::new(design, control.oqtal_dt, &control.predictive, &config.position)
-                    .map_err(|error| error.within("control.oqtal-dt"))?;
-            Loops::Predictive(match control.built_in() {
-                ControllerName::OqtalDt => autopilot,
-                _ => autopilot.with_law(law()?),
-            })
+            let autopilot = Autopilot::new(design, law, &control.predictive, &config.position);
+            Loops::Predictive(autopilot)
         } else {
             let (vehicle, options) = (&config.vehicle, &config.position);
             let position = PositionLoops::new(options, vehicle.mass_kg, vehicle.gravity_m_s2);
-            Loops::Paper(position, law()?)
+            Loops::Paper(position, law)
         };
         Ok(Self { loops, limit, heading: HeadingLoop::of(config) })
     }
@@ -298,6 +283,19 @@ where
         }
     }
 
+    fn yield_to(&mut self, u: &Vector3<f64>, tracker: &MotionTracker) {
+        // A fallback always has predictive loops.
+        if let Loops::Predictive(autopilot) = &mut self.loops {
+            autopilot.yield_to(u, tracker);
+        }
+    }
+
+    fn begin_stop(&mut self) {
+        if let Loops::Predictive(autopilot) = &mut self.loops {
+            autopilot.begin_stop();
+        }
+    }
+
     fn reset(&mut self) {
         match &mut self.loops {
             Loops::Paper(position, law) => {
@@ -335,6 +333,7 @@ fn turning_jerk_m_s3(config: &Config) -> f64 {
 mod tests {
     use super::*;
     use crate::command_model::motion_tracker;
+    use oqtal_control::controller::ControllerName;
     use oqtal_control::predictive::MeasuredPose;
     use oqtal_control::trajectory::Phase;
 

@@ -160,13 +160,12 @@ impl ReferenceStream {
         self.land_after = other.land_after;
     }
 
-    /// Forgets all references: a flight begins.
+    /// Discards all references: a flight begins. A planner whose stream was ended remains ignored until it pauses.
     pub fn reset(&mut self) {
         (self.followed, self.ended_since, self.refusal) = (None, None, None);
-        self.ignored = None;
     }
 
-    /// Ends the stream: an operator determines the flight.
+    /// Ends the stream: an operator determines the flight, or the flight is over.
     pub fn end(&mut self) {
         self.reset();
         self.ignored = self.last;

@@ -83,8 +83,9 @@ pub fn unanswered(bus: &Bus) -> Failure {
         return no_answer(paths, is_daemon);
     };
     let message = format!(
-        "{daemon} runs on instance `{instance}`, but does not answer: it hangs, or was stopped by a signal; continue it by SIGCONT, or end \
-         it; `oqtal ctl stop {}` stops the motors",
+        "{daemon} runs on instance `{instance}`, but does not answer: it executes a long request, hangs, or was stopped by a signal (SIGCONT \
+         continues it); if `oqtal ctl status {0}` is not answered either, end the flight by `oqtal ctl land {0}` or `oqtal ctl stop {0}` \
+         before the daemon is ended",
         paths.flags()
     );
     Failure::new(Exit::Peer, message)

@@ -1,6 +1,6 @@
 //! From the axes of a camera system to those of the world, and from the frame of the markers to that of the body.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use oqtal_config::{ReceiverOptions, UpAxis};
 use oqtal_wire::motion::RigidPose;
 
@@ -36,8 +36,7 @@ impl PoseTransform {
 
     /// Position \[m, world\] and attitude \[body to world\] of the body whose markers have the pose `measured`.
     pub fn apply(&self, measured: &RigidPose) -> ([f64; 3], [f64; 4]) {
-        let [x, y, z, w] = measured.attitude;
-        let markers = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+        let markers = measured.rotation();
         let in_room = Vector3::from(measured.position_m) + markers * self.body_origin;
         let position = self.room_origin + self.room * in_room;
         let attitude = self.room * markers * self.body;
@@ -78,7 +77,7 @@ mod tests {
         let (position, [x, y, z, w]) = transform.apply(&pose);
         assert!(near(&position, &[0.3, -1.0, 2.0]), "{position:?}");
         let turned = UnitQuaternion::from_euler_angles(0.0, 0.0, 40_f64.to_radians());
-        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+        let attitude = RigidPose { attitude: [x, y, z, w], ..pose }.rotation();
         assert!(attitude.angle_to(&turned) < 1e-9, "{attitude}");
     }
 

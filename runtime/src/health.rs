@@ -57,6 +57,8 @@ pub(crate) struct HealthSample {
     pub outputs: u64,
     /// Polls so far of the background thread, 0 without one, and of those of the parts \[-\].
     pub polls: Vec<u64>,
+    /// State of the motors after the last turn.
+    pub motors: MotorActivity,
     /// The status text; empty if the process sets none.
     pub status: String,
 }
@@ -122,6 +124,7 @@ impl Health {
             inputs: self.0.inputs.load(Ordering::Relaxed),
             outputs: self.0.outputs.load(Ordering::Relaxed),
             polls: records.map(|it| it.0.polls.load(Ordering::Relaxed)).collect(),
+            motors: self.motors(),
             status: self.0.status.lock().unwrap_or_else(PoisonError::into_inner).clone(),
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! A separate thread sends them, never the loop. The thread is not started without a service manager.
 //!
-//! The watchdog is triggered while the process is healthy: its loop turns, its background thread polls, and it has output (the
+//! The watchdog is triggered while the process is healthy: its loop turns, its background thread polls, but for a flight, and it has output (the
 //! daemon publishes commands, the simulator the truth, the cameras poses while the vehicle is in view; the bridge writes
 //! set-points). A late loop does not end a process in flight: it is a safety state.
 
@@ -14,7 +14,7 @@ use sd_notify::NotifyState;
 use oqtal_bus::topic::Role;
 
 use crate::context::ProcessContext;
-use crate::health::HealthSample;
+use crate::health::{HealthSample, MotorActivity};
 
 /// Sampling period before the first turn of the loop.
 const STARTUP_SAMPLING: Duration = Duration::from_millis(20);
@@ -127,6 +127,8 @@ impl ServiceNotifier {
     fn is_healthy(&self, sample: &HealthSample) -> bool {
         let HealthSample { turns, inputs, outputs, polls, .. } = &self.last;
         let loop_turns = sample.turns != *turns;
+        // The end of the process would drop a vehicle in flight; the loop, a stop and a landing do not need the background thread.
+        let flies = sample.motors == MotorActivity::MayRun;
         let mut pairs = sample.polls.iter().zip(polls);
         let background_polls = pairs.all(|(count, before)| *count == 0 || count != before);
         // Without a vehicle in view, or during playback of a recording, the cameras may be idle.
@@ -135,7 +137,7 @@ impl ServiceNotifier {
             Role::Recorder => true,
             Role::Daemon | Role::Plant | Role::Bridge => false,
         };
-        loop_turns && background_polls && (may_be_idle || sample.outputs != *outputs)
+        loop_turns && (background_polls || flies) && (may_be_idle || sample.outputs != *outputs)
     }
 
     /// Status text of the process, or whether it receives input from its peers.
@@ -190,6 +192,11 @@ mod tests {
             for polls in &hung_background {
                 let hung = HealthSample { polls: polls.clone(), ..well.clone() };
                 assert!(!triggers(role, &first, &hung), "{role:?}");
+                let flying = HealthSample { motors: MotorActivity::MayRun, ..hung };
+                assert!(
+                    triggers(role, &first, &flying),
+                    "{role:?}: its end would drop the vehicle"
+                );
             }
         }
         let unseen = HealthSample { inputs: first.inputs, ..idle };

@@ -40,13 +40,13 @@ impl RigidPose {
     /// Rotation matrix from body to volume, column by column \[-\].
     pub fn columns(&self) -> [f64; 9] {
         let mut columns = [0.0; 9];
-        columns.copy_from_slice(self.rotation().matrix().as_slice());
+        columns.copy_from_slice(self.rotation().to_rotation_matrix().matrix().as_slice());
         columns
     }
 
     /// Angles a1, a2, a3 with the attitude Rx(a1) Ry(a2) Rz(a3) \[deg\].
     pub fn euler_xyz_deg(&self) -> [f64; 3] {
-        let r = self.rotation();
+        let r = self.rotation().to_rotation_matrix();
         let pitch = r[(0, 2)].clamp(-1.0, 1.0).asin();
         let angles = if r[(0, 2)].abs() < 1.0 - 1e-12 {
             [(-r[(1, 2)]).atan2(r[(2, 2)]), pitch, (-r[(0, 1)]).atan2(r[(0, 0)])]
@@ -59,12 +59,14 @@ impl RigidPose {
 
     /// The point of the volume that is at `point_m` in body axes \[m, volume\].
     pub fn transformed(&self, point_m: [f64; 3]) -> [f64; 3] {
-        (self.rotation() * Vector3::from(point_m) + Vector3::from(self.position_m)).into()
+        let rotation = self.rotation().to_rotation_matrix();
+        (rotation * Vector3::from(point_m) + Vector3::from(self.position_m)).into()
     }
 
-    fn rotation(&self) -> Rotation3<f64> {
+    /// The attitude \[body to volume\].
+    pub fn rotation(&self) -> UnitQuaternion<f64> {
         let [x, y, z, w] = self.attitude;
-        UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)).to_rotation_matrix()
+        UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
     }
 }
 
@@ -169,7 +171,7 @@ mod tests {
             let euler = Rotation3::from_axis_angle(&Vector3::x_axis(), a)
                 * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
                 * Rotation3::from_axis_angle(&Vector3::z_axis(), c);
-            prop_assert!((euler.matrix() - pose.rotation().matrix()).amax() < 1e-6);
+            prop_assert!((euler.matrix() - pose.rotation().to_rotation_matrix().matrix()).amax() < 1e-6);
         }
 
         #[test]

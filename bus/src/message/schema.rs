@@ -45,7 +45,7 @@ impl<M: Message> AnyMessage for M {
     }
 }
 
-/// FNV-1a, 64 bits: the hash of schemas, configurations and trajectories.
+/// FNV-1a, 64 bits: the hash of schemas and trajectories.
 pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
     let mut i = 0;
     while i < bytes.len() {

@@ -10,8 +10,9 @@ impl<I: InputForm> Controller<I> {
             (Self::Lqr(law), Self::Lqr(old)) => law.adopt(old),
             (Self::Oqtal(law), Self::Oqtal(old)) => law.adopt(old),
             (Self::Geometric(law), Self::Geometric(old)) => law.adopt(old),
-            // These laws have no integral action.
-            _ => {}
+            // Another law, or one without integral action.
+            (Self::Pid(_) | Self::Lqr(_) | Self::Oqtal(_) | Self::Geometric(_), _)
+            | (Self::OqtalDt(_) | Self::Px4(_) | Self::Indi(_) | Self::Mpc(_), _) => {}
         }
     }
 }

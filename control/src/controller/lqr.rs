@@ -107,9 +107,7 @@ impl LqrOptions {
             ("operating-pitch-limit-rad", self.operating_pitch_limit_rad, Rule::Positive),
         ])
     }
-}
 
-impl LqrOptions {
     /// The same options with cells of the width `delta` in both units, as in the paper \[rad/s, rad\].
     pub fn with_cell_width(self, delta: f64) -> Self {
         Self { cell_rate_rad_s: delta, cell_angle_rad: delta, ..self }

@@ -13,8 +13,8 @@
 //!
 //! A law is written once for every [`InputForm`]: torque for the spacecraft, sticks for the quadrotor. This file is the table of
 //! the laws: [`ControllerName`] lists their names, [`ControlOptions`] their options, and [`Controller::new`] calls the constructor
-//! that belongs to a name. To add a law, write its file and give it a line in each list below; the compiler names the lists that
-//! lack it. `docs/your-own-law.md` is an example.
+//! that belongs to a name. To add a law, write its file and give it a line in each list below; the compiler or a test names
+//! the lists that lack it. `docs/your-own-law.md` is an example.
 
 mod adopt;
 mod fallback;

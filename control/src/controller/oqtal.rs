@@ -131,9 +131,7 @@ impl OqtalOptions {
             ("cell-eps-ddot-per-s2", self.cell_eps_ddot_per_s2, Rule::Positive),
         ])
     }
-}
 
-impl OqtalOptions {
     /// The same options with cells of the width `delta` in every unit, as in the paper \[rad/s, -, 1/s^2\].
     pub fn with_cell_width(self, delta: f64) -> Self {
         Self { cell_rate_rad_s: delta, cell_eps: delta, cell_eps_ddot_per_s2: delta, ..self }

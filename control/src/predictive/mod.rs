@@ -1,5 +1,5 @@
-//! Estimation and prediction of the vehicle's motion, and the autopilot that uses them with the law [`OqtalDt`]. Not in the
-//! paper.
+//! Estimation and prediction of the vehicle's motion, and the autopilot that uses them with the law `OqtalDt`, or with another one
+//! for comparison. Not in the paper.
 //!
 //! ```text
 //!  reference ─▶ reference model ─▶ position law ─▶ flatness ─▶ OqtalDt ─▶ command ─▶ vehicle
@@ -22,7 +22,6 @@
 //! | `position_law.rs`, `command_filter.rs` | desired acceleration |
 //! | `flatness.rs`, `demand.rs` | attitude, rate and angular acceleration for a force; the demand of a reference on the vehicle |
 //! | `look_ahead.rs` | a prescribed attitude at the time of effect |
-//! | `inner_law.rs` | the attitude law: [`OqtalDt`], or another one for comparison |
 //! | `setpoint_buffer.rs` | set-points by the time for which they are valid |
 //! | `ring.rs` | ring buffer |
 //!
@@ -36,7 +35,6 @@ mod demand;
 mod estimator_pair;
 mod flatness;
 mod history;
-mod inner_law;
 mod kalman;
 mod look_ahead;
 mod model;
@@ -55,9 +53,8 @@ mod tracker;
 use nalgebra::Vector3;
 
 use crate::controller::{
-    AttitudeReference, AttitudeState, Controller, InputForm, LawTerms, OqtalDt, OqtalDtOptions,
+    AttitudeLaw, AttitudeReference, AttitudeState, Controller, InputForm, LawTerms,
 };
-use crate::options::OptionError;
 use crate::position::{PositionCommand, PositionOptions};
 use crate::quantity::BodyRate;
 use crate::quaternion::Attitude;
@@ -70,7 +67,6 @@ pub use demand::MotionDemand;
 pub use estimator_pair::{AdaptiveEstimator, NormalisedSquare};
 pub use flatness::Force;
 pub use history::{CommandEffect, CommandHistory, CommandReport};
-use inner_law::InnerLaw;
 pub use kalman::{AxisFilter, Covariance, StateTransition};
 pub use look_ahead::LookAhead;
 pub use model::{Bias, Integration, ModelInput, Motion, Rotation, VehicleModel};
@@ -125,7 +121,7 @@ pub struct PredictiveOutput {
 pub struct Autopilot<I> {
     design: Design<I>,
     position: PositionLaw,
-    attitude: InnerLaw<I>,
+    attitude: Controller<I>,
     setpoint_buffer: SetpointBuffer,
     look_ahead: LookAhead,
     /// Greatest tilt of an attitude command, unless the reference needs more \[rad\].
@@ -135,39 +131,29 @@ pub struct Autopilot<I> {
 }
 
 impl<I: InputForm + Copy> Autopilot<I> {
-    /// The autopilot of a vehicle, within the limits of `loops`.
-    ///
-    /// # Errors
-    /// An option of the attitude law whose value is not allowed.
+    /// The autopilot of a vehicle with the attitude law `attitude`, within the limits of `loops`.
     pub fn new(
         design: Design<I>,
-        law: OqtalDtOptions,
+        attitude: Controller<I>,
         options: &PredictiveOptions,
         loops: &PositionOptions,
-    ) -> Result<Self, OptionError> {
-        Ok(Self {
+    ) -> Self {
+        Self {
             position: PositionLaw::new(options, loops, (&design.model, design.turning_jerk_m_s3)),
-            attitude: InnerLaw::Own(OqtalDt::new(law, design.input, design.period_s)?),
+            attitude,
             setpoint_buffer: SetpointBuffer::new(),
             look_ahead: LookAhead::default(),
             tilt_limit_rad: loops.tilt_limit_deg.to_radians(),
             last_s: None,
             design,
-        })
-    }
-
-    /// The same autopilot with `law` in place of [`OqtalDt`]: separates the contribution of the law from that of estimation and
-    /// prediction.
-    pub fn with_law(self, law: Controller<I>) -> Self {
-        Self { attitude: InnerLaw::Other(law), ..self }
+        }
     }
 
     /// Continues a flight that `old` controlled, with the attitude law of `old` if `keeps_law`.
     pub fn adopt(&mut self, old: &Self, keeps_law: bool) {
-        match (&mut self.attitude, &old.attitude) {
-            (attitude, old) if keeps_law => *attitude = *old,
-            (InnerLaw::Other(law), InnerLaw::Other(old)) => law.adopt(old),
-            _ => {}
+        match keeps_law {
+            true => self.attitude = old.attitude,
+            false => self.attitude.adopt(&old.attitude),
         }
         self.position.adopt(&old.position);
         self.setpoint_buffer = old.setpoint_buffer;
@@ -271,7 +257,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
 
     /// Number of Riccati equations without a usable solution so far \[-\].
     pub fn riccati_failures(&self) -> u32 {
-        self.attitude.riccati_failures()
+        self.attitude.failed_solves()
     }
 
     /// Attitude command for a vehicle with its own attitude loop, so that the vehicle is at `wanted` when the command takes
@@ -300,8 +286,12 @@ impl<I: InputForm + Copy> Autopilot<I> {
     ) -> Vector3<f64> {
         let Ahead { motion, dt_s, .. } = ahead;
         let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };
-        let u = self.attitude.input(&state, wanted, *dt_s) + disturbance;
-        self.design.input.saturate(&u.component_div(gain))
+        let u = match &mut self.attitude {
+            // Not limited before the estimated bias is compensated.
+            Controller::OqtalDt(law) => law.input(&state, wanted),
+            law => I::u_from(law.update(&state, wanted, *dt_s)),
+        };
+        self.design.input.saturate(&(u + disturbance).component_div(gain))
     }
 }
 

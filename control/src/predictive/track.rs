@@ -180,8 +180,7 @@ impl Track {
 
     /// The track for a law that uses filters of `noise`: motion and bias are kept.
     pub fn with_noise(&self, noise: &TrackNoise) -> Self {
-        let MeasuredPose { position, attitude } =
-            MeasuredPose { position: self.motion.position, attitude: self.motion.attitude };
+        let Motion { position, attitude, .. } = self.motion;
         let mut next = Self::at_rest(noise, self.t_s, &MeasuredPose { position, attitude });
         let bias = self.bias();
         let filters = [Some(&mut next.filters), next.admission.as_mut()];

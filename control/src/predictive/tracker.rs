@@ -37,8 +37,8 @@ pub struct MotionTracker {
     adaptation: Option<Adaptation>,
     /// Height of the floor from which the flight began \[m, world z\].
     floor_m: f64,
-    /// On the ground: the instant \[s\] and the motion of the last pose.
-    resting: Option<(f64, Motion)>,
+    /// On the ground: the motion of the last pose.
+    resting: Option<Motion>,
     /// In flight: the motion at the last admitted pose, or later.
     track: Option<Track>,
     /// Innovation of the last admitted pose; `None` on the ground.
@@ -100,7 +100,7 @@ impl MotionTracker {
 
     /// Ends the flight: on the ground no motion is predicted.
     pub fn end(&mut self) {
-        self.resting = self.track.take().map(|track| (track.t_s, track.motion)).or(self.resting);
+        self.resting = self.track.take().map(|track| track.motion).or(self.resting);
         self.innovation = None;
     }
 
@@ -121,9 +121,9 @@ impl MotionTracker {
         }
     }
 
-    /// Takes the motion of a vehicle on the ground, measured at `t_s` \[s\].
-    pub fn rest(&mut self, t_s: f64, measured: &Estimate) {
-        self.resting = Some((t_s, Motion::of(measured, 0.0)));
+    /// Takes the measured motion of a vehicle on the ground.
+    pub fn rest(&mut self, measured: &Estimate) {
+        self.resting = Some(Motion::of(measured, 0.0));
     }
 
     /// Records a command sent at `sent_s` \[s\], within the range of its interface: nothing bounds the motion that it predicts.
@@ -198,7 +198,7 @@ impl MotionTracker {
         match &self.track {
             Some(track) if t_s > track.t_s => Some(track.motion_at(t_s, &self.propagation())),
             Some(track) => Some(track.motion),
-            None => self.resting.map(|(_, motion)| motion),
+            None => self.resting,
         }
     }
 
@@ -217,8 +217,7 @@ impl MotionTracker {
     pub fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
         self.noise.estimation.as_ref()?;
         let motion = self.track.as_ref().map(|track| &track.motion);
-        let resting = self.resting.as_ref().map(|(_, motion)| motion);
-        motion.or(resting).map(|motion| (motion, self.innovation.as_ref()))
+        motion.or(self.resting.as_ref()).map(|motion| (motion, self.innovation.as_ref()))
     }
 
     /// Propagates the motion to `t_s` \[s\] without a pose.

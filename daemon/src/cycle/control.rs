@@ -60,10 +60,8 @@ pub(super) struct FlightControl {
     earlier_counts: [u32; 2],
     handover: Handover,
     descent: BlindDescent,
-    /// The last command, repeated while poses are missing.
+    /// The last command of the law or of the daemon, repeated while poses are missing.
     held: VehicleCommand,
-    /// The command that was sent in the last tick.
-    sent: VehicleCommand,
 }
 
 impl FlightControl {
@@ -81,13 +79,12 @@ impl FlightControl {
             handover: Handover::new(config),
             descent: BlindDescent::of(config),
             held: VehicleCommand::Disarmed,
-            sent: VehicleCommand::Disarmed,
         })
     }
 
     /// The command that was sent in the last tick.
-    pub(super) fn sent(&self) -> &VehicleCommand {
-        &self.sent
+    pub(super) fn sent(&self) -> VehicleCommand {
+        if self.observe_only { VehicleCommand::Disarmed } else { self.held }
     }
 
     /// Numbers of Riccati equations since the start, as [`ControlStack::riccati_counts`].
@@ -164,7 +161,6 @@ impl FlightControl {
         let command = self.select_command(now, directive, output, intake);
         let message = command.to_message(self.interface, self.max_thrust_n);
         self.held = command;
-        self.sent = if self.observe_only { VehicleCommand::Disarmed } else { command };
         [message, if self.observe_only { CommandV1::default() } else { message }]
     }
 
@@ -231,7 +227,7 @@ mod tests {
             let output = ControlOutput { setpoint, command, terms, saturated: false };
             control.command(now, &directive, Some(&output), &intake);
             let expected = if is_armed { command } else { VehicleCommand::Disarmed };
-            assert_eq!(*control.sent(), expected, "{thrust_n} N");
+            assert_eq!(control.sent(), expected, "{thrust_n} N");
         }
     }
 

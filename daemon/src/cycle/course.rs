@@ -155,6 +155,7 @@ impl FlightCourse {
 
     /// Ends the flight.
     pub(super) fn end(&mut self) {
+        self.stream.end();
         self.mission = None;
         self.setpoint = CheckedSetpoint::default();
     }

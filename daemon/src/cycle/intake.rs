@@ -123,7 +123,7 @@ impl Intake {
                 let estimate =
                     self.estimator.update(captured_s, accepted.position, accepted.attitude);
                 if self.tracker.track().is_none() {
-                    self.tracker.rest(captured_s, &estimate);
+                    self.tracker.rest(&estimate);
                 }
                 self.check_consistency(now, &accepted);
                 self.fresh = Some(arrival.0);

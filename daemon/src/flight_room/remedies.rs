@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 use oqtal_config::Config;
-use oqtal_control::trajectory::{Trajectory, TrajectoryKind};
+use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryKind};
 
 use super::ways::{POSITION_ERROR_M, Way, corners, lowest, references, stop};
 use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_PLAN_M;
-use crate::flyable::{exceeding, least_factor};
+use crate::flyable::{exceeding, least_factor, tried};
 
 /// Least distance of a remedy from the value at which the flight is refused \[m\], above the rounding of numbers.
 const OUTWARD_M: f64 = 1e-12;
@@ -117,15 +117,18 @@ fn slower(
     (start, fence): (Vector3<f64>, &Fence),
 ) -> Option<String> {
     let braking = Braking::of(config);
-    let exceeds = |slower| {
-        references(config, trajectory).any(|(_, reference)| {
-            let is_inside = fence.inside_m(&(start + stop(&reference, &braking, slower))) > 0.0;
-            !is_inside
-        })
+    let leaves = |reference: &Reference, slower| {
+        let is_inside = fence.inside_m(&(start + stop(reference, &braking, slower))) > 0.0;
+        !is_inside
     };
+    let points = tried(references(config, trajectory));
+    let exceeds = |slower| points.iter().any(|(_, reference)| leaves(reference, slower));
     let demands = exceeding(config, trajectory);
     let factor = least_factor(|slower| exceeds(slower) || demands(slower));
     let factor = factor.or_else(|| least_factor(exceeds))?;
+    let mut all = references(config, trajectory);
+    let suffices = all.all(|(_, reference)| !leaves(&reference, factor));
+    suffices.then_some(())?;
     Some(crate::flyable::slower(config.trajectory.kind, factor))
 }
 

@@ -1,6 +1,6 @@
 //! Statistics of the poses that a probe receives.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use oqtal_control::statistics::{self, standard_deviation};
 use oqtal_wire::motion::RigidPose;
 
@@ -27,23 +27,18 @@ impl NoiseWindow {
     /// The noise of the window, which is then empty; `None` if it has too few poses.
     pub fn finish(&mut self) -> Option<NoiseFigures> {
         let poses = std::mem::take(&mut self.poses);
-        let first = attitude(poses.first()?);
+        let first = poses.first()?.rotation();
         if poses.len() < 10 {
             return None;
         }
         let positions = poses.iter().map(|pose| Vector3::from(pose.position_m) * 1e3);
-        let turns = poses.iter().map(|pose| (first.inverse() * attitude(pose)).scaled_axis());
+        let turns = poses.iter().map(|pose| (first.inverse() * pose.rotation()).scaled_axis());
         let turns = turns.map(|turn| turn.map(f64::to_degrees));
         Some(NoiseFigures {
             position_mm: deviation(&positions.collect::<Vec<_>>()),
             attitude_deg: deviation(&turns.collect::<Vec<_>>()),
         })
     }
-}
-
-fn attitude(pose: &RigidPose) -> UnitQuaternion<f64> {
-    let [x, y, z, w] = pose.attitude;
-    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
 }
 
 /// Standard deviation of each component.
