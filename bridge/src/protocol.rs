@@ -64,7 +64,7 @@ impl ReportedMotors {
     }
 }
 
-/// Content of a valid message of the vehicle; a message may have several.
+/// One piece of information in a valid message of the vehicle; a message can contain several.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VehicleReply {
     /// Answer to a request: to a set-point that is acknowledged, or to a periodic frame that is answered.
@@ -119,7 +119,7 @@ pub struct VehicleText {
     pub text: ShortText,
 }
 
-/// Pose for a vehicle that estimates its own motion: finite, of a body that cameras see, newer than the one before.
+/// Pose sent to a vehicle that estimates its own motion: finite, tracked by the cameras, and newer than the previous one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehiclePose {
     /// Capture time of the pose.

@@ -62,7 +62,8 @@ pub struct ObeyingProcess {
     pub is_vehicle: bool,
     instance: String,
     root: String,
-    /// `None` for a process that cannot be signalled: processes of other users must not use up the open files of this one.
+    /// Process descriptor; `None` for a process that cannot be signalled, so that processes of other users do not use up this one's open
+    /// files.
     handle: Option<OwnedFd>,
 }
 
@@ -276,7 +277,7 @@ impl ObeyingProcess {
     }
 }
 
-/// Whether this process may send a signal to those of `user`.
+/// Whether this process is permitted to signal processes of the user id `user`.
 fn may_signal(user: u32) -> bool {
     geteuid().is_root() || geteuid().as_raw() == user
 }

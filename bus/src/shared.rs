@@ -25,7 +25,7 @@ pub(crate) use shortened::take_shortened;
 pub struct SharedWords {
     memory: NonNull<AtomicU32>,
     count: usize,
-    /// `None` only while the words are being dropped.
+    /// Guard of the mapping; `None` only while the words are being dropped.
     guard: Option<MappingGuard>,
     /// Stays open, so that an operator finds the words through this process after the file was removed, and so that the file can be
     /// given its size again.

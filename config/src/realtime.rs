@@ -43,7 +43,7 @@ pub struct RealtimeOptions {
     pub lock_memory: bool,
     /// Timer slack: greatest delay of a wake-up that the kernel may add to a loop that is not under SCHED_FIFO \[us\].
     pub timer_slack_us: f64,
-    /// Time before each expected pose at which the daemon warms its caches by a tick on a copy of its state \[us\]; 0 disables
+    /// Time before each expected pose at which the daemon warms its caches by executing a tick on a copy of its state \[us\]; 0 disables
     /// the warm-up.
     pub warmup_us: f64,
     /// Time after each expected arrival until which a loop waits awake, from the instant of the warm-up on, if there are enough

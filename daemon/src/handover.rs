@@ -18,11 +18,11 @@ const ATTITUDE_RANGE_RAD: f64 = 1.0;
 /// Greatest change of a command in one second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlewLimits {
-    /// Of each component of the rotation command \[1/s for sticks, N m/s for a torque\].
+    /// Slew limit of each component of the rotation command \[1/s for sticks, N m/s for a torque\].
     pub rotation_per_s: f64,
-    /// Of the thrust \[N/s\].
+    /// Slew limit of the thrust \[N/s\].
     pub thrust_n_per_s: f64,
-    /// Of each component of the attitude \[rad/s\].
+    /// Slew limit of each component of the attitude \[rad/s\].
     pub attitude_rad_s: f64,
 }
 
@@ -104,8 +104,8 @@ impl Handover {
         limited
     }
 
-    /// `command`, at most a slew of `step_s` \[s\] from `last`; `None` if one of them disarms, they are of different kinds, or a
-    /// number is not finite.
+    /// Limits `command` to the change from `last` that the slew limits permit in `step_s` \[s\]; `None` if one of the two disarms, they are
+    /// of different kinds, or a number is not finite.
     fn limited(
         &self,
         last: &VehicleCommand,

@@ -52,7 +52,7 @@ pub struct GuardReport {
     pub cause: HandoverCause,
     /// Whether the fallback law computed the last command.
     pub is_fallback: bool,
-    /// Whether it did so although the law might have flown.
+    /// Whether it did so in a tick in which the law was permitted to fly.
     pub law_fails: bool,
 }
 
@@ -227,7 +227,7 @@ impl LawGuard {
         ControlOutput { command, ..fallback }
     }
 
-    /// Notes that the law fails in this tick, by `reason`, or waits for its return.
+    /// Records that the law fails in this tick, for `reason`, or that it waits for its return.
     fn note_failure(&mut self, reason: HandoverCause) {
         use HandoverCause::{Absent, None};
         let hands_over = !self.report.is_fallback;

@@ -48,7 +48,8 @@ pub(crate) fn connections() -> (ConnectionSlot, Receiver<OwnedFd>) {
 }
 
 impl ConnectionSlot {
-    /// Passes `connection` on, in place of one that the loop has not taken: it takes them only while it asks a law, in flight.
+    /// Passes `connection` to the loop, and replaces one that the loop has not taken: it takes connections only in flight, when it asks a
+    /// law.
     fn put(&self, connection: OwnedFd) {
         // Only this thread fills the place.
         let _ = self.receiver.try_recv();
@@ -69,7 +70,7 @@ pub(crate) struct SocketLaw {
 }
 
 impl SocketLaw {
-    /// A law that arrives through `connections`; waiting ends with `stop`.
+    /// An external law whose connections arrive through `connections`; waiting for one ends when `stop` is set.
     pub(crate) fn new(connections: Receiver<OwnedFd>, stop: StopFlag) -> Self {
         let virtual_timeout = VIRTUAL_TIMEOUT;
         Self { connections, connection: None, was_connected: false, virtual_timeout, stop }

@@ -63,9 +63,9 @@ pub struct LimitConditions {
     pub poses_lost: bool,
     /// Poses do not follow the rotation that the vehicle's gyroscope measures.
     pub poses_contradict: bool,
-    /// A test finds that poses do not agree with the vehicle.
+    /// A weaker test finds that poses disagree with the vehicle.
     pub poses_disagree: bool,
-    /// Poses do not agree with the vehicle, which is far from its reference or too fast: the law follows them away.
+    /// Poses disagree with the vehicle while it is far from its reference or too fast: the law may be following wrong poses.
     pub poses_mislead: bool,
     /// The loop was late in several ticks in a row.
     pub overrun: bool,
@@ -81,7 +81,7 @@ pub struct LimitConditions {
     pub law_fails: bool,
     /// The vehicle holds its position because a planner's references ended.
     pub references_ended: bool,
-    /// It has for longer than `reference.land-after-ms`.
+    /// The vehicle has held its position for this reason for longer than `reference.land-after-ms`.
     pub references_overdue: bool,
 }
 

@@ -240,7 +240,8 @@ impl LiveSettings {
             .is_some_and(|(settings, _)| settings.has_same_values(&self.present))
     }
 
-    /// Warnings of the settings after `prepared` that the present ones do not have, and of its point, above a floor at the height 0.
+    /// Returns the warnings that `prepared` adds: those of its settings that the present settings do not cause, and that of its point, for
+    /// a floor at height 0.
     pub fn new_warnings(&self, prepared: &PreparedChange) -> Vec<String> {
         let of = |settings: &ReadSettings| {
             let trajectory = settings.trajectory();

@@ -26,10 +26,10 @@ use answer::{
 pub use loop_handle::{LoopHandle, LoopRequest};
 use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity};
 
-/// An operator's request that the loop has not answered by then is answered with "accepted".
+/// Time-out of the loop's reply; an operator's request without a reply is then answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
 
-/// The background thread's end of the hand-off.
+/// Requests of operators, on the background thread's side of the hand-off.
 #[derive(Debug)]
 pub struct OperatorRequests {
     queues: BackgroundHandle<Condition, NumberedRequest, NumberedReply>,

@@ -8,7 +8,7 @@ use oqtal_runtime::process::{Exit, Failure};
 
 use crate::refusal::Refusal;
 
-/// Key of the file.
+/// Configuration key that names the waypoint file.
 pub(crate) const WAYPOINTS_KEY: &str = "trajectory.waypoints-file";
 
 /// The trajectory of `config`, whose waypoint file is read if it flies one.

@@ -102,7 +102,7 @@ pub struct PoseArrival {
 pub struct AnswerCounts {
     /// Number of questions \[-\].
     pub questions: u64,
-    /// Number of questions without an answer in time \[-\]: it came late, or there was none.
+    /// Number of questions that were answered late or not at all \[-\].
     pub unanswered: u64,
     /// Number of these for which no law was connected, or the law ended \[-\].
     pub unconnected: u64,

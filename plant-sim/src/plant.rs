@@ -50,7 +50,7 @@ pub struct Plant {
     camera: Grid,
     gust: Gust,
     battery: BatteryModel,
-    /// `None` for a vehicle that does not report its rate.
+    /// Model of the gyroscope; `None` for a vehicle that does not report its rates.
     gyroscope: Option<Gyroscope>,
     drift: Vector3<f64>,
     constant_acceleration: Vector3<f64>,

@@ -25,8 +25,8 @@ pub use step::{StepHypothesis, StepWatch};
 const LEARNING_TIME: Span = Span::from_millis(500);
 /// Least number of frames from which a clock is estimated \[-\].
 const LEARNING_FRAMES: u32 = 12;
-/// Least time by which a frame arrives before the line, or by which stamps contract, that means that the server's clock was set; a
-/// shorter one only corrects the line.
+/// Limit of the time by which a frame arrives before the line, or by which stamps contract: from it on the server's clock counts as set; a
+/// shorter time only corrects the line.
 const IMPOSSIBLE: Span = Span::from_millis(25);
 /// Least lowering of the line within a second by which all earlier pairs are discarded.
 const SMALL_STEP: Span = Span::from_millis(1);
@@ -82,7 +82,7 @@ pub struct ClockState {
 /// Estimator of a server's clock. Pure; bounded work and no allocation for each frame.
 #[derive(Clone, Debug)]
 pub struct ServerClock {
-    /// From the capture to the arrival of the fastest frames.
+    /// Time from the capture to the arrival of the fastest frames.
     latency: Span,
     envelope: LowerEnvelope,
     /// The first pair of the estimate: all others are relative to it, stamp and arrival \[ns\].
@@ -207,8 +207,8 @@ impl ServerClock {
         self.steps.observe(stamp_ns, arrival, delay_ns)
     }
 
-    /// Forgets what is from before a quick lowering of the line: nothing can be faster than the fastest, so that the clock was set
-    /// forward, or the way has become shorter.
+    /// Discards all pairs from before a quick lowering of the line: no frame is faster than the fastest one, so the clock was set forward,
+    /// or the network path has become shorter.
     fn watch_for_lowering(&mut self, before_ns: u64, arrival: Time, ahead_ns: f64) {
         let is_settled = arrival.since(self.settling_since) >= SETTLING_TIME;
         if !self.known || !is_settled || ahead_ns <= 0.0 {

@@ -40,7 +40,7 @@ pub struct NatnetConnection {
     routes: RouteTable,
     definitions: DefinitionSlot,
     count: FrameCount,
-    /// Instant of the next request for the names of the bodies, which may change without notice.
+    /// Instant of the next request for the names of the bodies; the server does not announce their changes.
     next_models: Time,
     buffer: Vec<u8>,
 }
@@ -49,7 +49,7 @@ pub struct NatnetConnection {
 #[derive(Clone, Copy, Debug, Default)]
 struct FrameCount {
     last: Option<i32>,
-    /// Numbers before the last one in a row, each after the one before, and the last of them.
+    /// Run of increasing numbers below `last`: its length \[-\] and its latest number.
     restart_run: (u32, i32),
 }
 

@@ -16,7 +16,7 @@ use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
 
 /// Size of the read buffer \[bytes\].
 const BUFFER: usize = 65_536;
-/// Most reads of one turn \[-\].
+/// Maximum number of reads in one turn \[-\].
 const MAX_READS: usize = 16;
 /// Names that do not come within this time after the greeting are not there.
 const NAMING_TIME: Span = Span::from_millis(800);

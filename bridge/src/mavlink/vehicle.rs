@@ -13,10 +13,10 @@ use crate::protocol::{ReportedMotors, VehicleEstimate, VehicleReply, VehicleText
 
 /// Time without an estimator's flags after which the estimator is unknown.
 const FLAGS_AGE: Span = Span::from_millis(3000);
-/// Time without a heartbeat after which another autopilot may take the vehicle's place: an autopilot that sent one heartbeat does not
-/// exclude the vehicle.
+/// Heartbeat time-out of the selected autopilot; after it, another one can be selected. An autopilot that sent a single heartbeat thus does
+/// not lock the vehicle out.
 const ABSENT: Span = Span::from_millis(3000);
-/// Step back of the vehicle's clock by which a restart is noticed \[ms\].
+/// Backward step of the vehicle's clock that counts as a restart \[ms\].
 const RESTART_MS: u32 = 2000;
 
 /// Autopilot that was selected by its heartbeat.

@@ -15,7 +15,7 @@ use crate::estimator::Estimate;
 /// Fraction of the weight that the thrust reaches when the vehicle is about to leave the floor \[-\].
 const LIFTING: f64 = 0.9;
 
-/// Share of the measured noise with which a law that predicts reckons at least \[-\].
+/// Lower bound of the noise that a predictive law assumes, as a share of the measured noise \[-\].
 const ESTIMATED_SHARE: f64 = 0.8;
 
 /// Distance of a pose from the predicted position above which a tracker without a gate restarts at the pose \[m\].
@@ -33,7 +33,7 @@ pub struct MotionTracker {
     /// The noise in use: the configured one, or the measured one where it is greater.
     noise: TrackNoise,
     history: CommandHistory,
-    /// `None` for a fixed model.
+    /// Adaptation of the model; `None` for a fixed model.
     adaptation: Option<Adaptation>,
     /// Height of the floor from which the flight began \[m, world z\].
     floor_m: f64,

@@ -1,4 +1,4 @@
-//! Rotation of the vehicle by its own gyroscope: the integral of the reported rates.
+//! Rotation of the vehicle measured by its own gyroscope: the integral of the reported rates.
 //!
 //! A vehicle may turn into a tilt between two reports, if one of them is lost or late. Its rotation is known up to its last report only,
 //! and is compared with poses once the next report has arrived.
@@ -13,7 +13,8 @@ const LONGEST_S: f64 = 0.15;
 const LONGEST_UNCOVERED_S: f64 = 0.5;
 /// Rate at which covered time reduces the uncovered time \[-\].
 const REGAINED: f64 = 0.25;
-/// Time for which the last rate is continued \[s\]: the age of the newest report of a vehicle that reports at the rate of the cameras.
+/// Time for which the last reported rate is extrapolated \[s\]: the age of the newest report if the vehicle reports at the rate of the
+/// cameras.
 const CONTINUED_S: f64 = 0.04;
 
 /// A report: its instant \[s\], its rate \[rad/s, body\], and the angles turned until then \[rad, body\].
