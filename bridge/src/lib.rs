@@ -239,7 +239,7 @@ fn open_free(port: &dyn PortOptions) -> Result<Box<dyn VehicleLink>, PortOpenErr
 /// Passes commands to the vehicle until a stop is requested; leaves it with a zero set-point.
 ///
 /// # Errors
-/// As [`check`]; the port cannot be opened; the bus refuses or breaks.
+/// Like [`check`]; the port cannot be opened; the bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);

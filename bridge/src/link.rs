@@ -51,7 +51,8 @@ pub trait VehicleLink: Debug + Send {
         None
     }
 
-    /// Whether a port that learns its peer keeps the present one, because the vehicle answers. Called before reads.
+    /// Sets whether a port that takes its peer from arriving datagrams keeps the present peer, because the vehicle answers. Called before
+    /// reads.
     fn keep_peer(&mut self, _is_kept: bool) {}
 }
 

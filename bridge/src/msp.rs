@@ -139,7 +139,7 @@ impl Msp {
         })
     }
 
-    /// Forgets the vehicle: its settings are read again.
+    /// Discards the state of the vehicle; its settings are read again.
     fn restart(&mut self) {
         (self.settings, self.status, self.last_reported) = (MspSettings::default(), None, None);
         (self.started_at, self.is_on) = (None, false);

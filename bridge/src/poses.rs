@@ -66,7 +66,7 @@ impl PoseRelay {
         Some(pose)
     }
 
-    /// Forgets the pose that waits: a port was opened.
+    /// Discards the waiting pose when a port was opened.
     pub fn reset(&mut self) {
         self.waiting = None;
     }

@@ -44,16 +44,16 @@ impl VehicleFrame {
 /// Motors as a vehicle reports them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportedMotors {
-    /// Disarmed.
+    /// The vehicle is disarmed.
     Off,
-    /// Armed, and not yet following set-points: to be stopped like running motors.
+    /// The vehicle is armed and does not follow set-points yet; its motors are stopped like running ones.
     SpoolingUp,
-    /// They follow set-points.
+    /// The motors follow set-points.
     Running,
 }
 
 impl ReportedMotors {
-    /// Of a vehicle that follows set-points as soon as its motors run.
+    /// State of the motors of a vehicle that follows set-points as soon as they run.
     pub fn of(run: bool) -> Self {
         if run { Self::Running } else { Self::Off }
     }
@@ -87,7 +87,7 @@ pub enum VehicleReply {
     Estimate(VehicleEstimate),
     /// Body rate by the vehicle's gyroscope \[rad/s, body\].
     BodyRate([f64; 3]),
-    /// Line of text for people.
+    /// Line of text for the operator.
     Text(VehicleText),
     /// Anything else.
     Other,
@@ -240,7 +240,7 @@ pub trait VehicleProtocol: Debug + Send {
         None
     }
 
-    /// Continues the encoder of another process, which knows the vehicle.
+    /// Continues with the encoder state of another process, which is already connected to the vehicle.
     fn continue_encoder(&mut self, _state: &EncoderState) {}
 
     /// Number of damaged frames received since the start.

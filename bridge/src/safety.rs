@@ -96,7 +96,7 @@ impl CommandGate {
         }
     }
 
-    /// Forgets the state of the vehicle and inhibits flight: a port was opened or lost.
+    /// Discards the state of the vehicle and inhibits flight after a port was opened or lost.
     pub fn reset(&mut self, now: Time) {
         self.motors.inhibit(now);
         (self.status, self.control) = (None, ControlHolder::Nobody);

@@ -1,5 +1,4 @@
-//! The tenant of the port, as the loop of the bridge sees it: another process, which writes the flight set-points while the port is lent
-//! to it.
+//! The tenant of the port, for the loop of the bridge: another process, which writes the flight set-points while the port is lent to it.
 
 use std::os::fd::OwnedFd;
 
@@ -85,7 +84,8 @@ impl PortTenant {
         if self.is_awaited { event.max(now + RETRY) } else { event }
     }
 
-    /// Whether the process writes no more: none of its threads is left, or it was killed a while ago.
+    /// Whether the process cannot write any more: none of its threads is left, or the longest time of a frame has passed since it was
+    /// killed.
     fn has_ended(&self, now: Time) -> bool {
         let mut handle = [PollFd::new(&self.process, PollFlags::IN)];
         self.killed_at.is_some_and(|at| now.since(at) >= LONGEST_FRAME)

@@ -106,7 +106,7 @@ impl InstanceRun {
         Ok(run)
     }
 
-    /// Makes the link to this run in the directory of its instance; the caller holds the lock.
+    /// Creates the link to this run in the directory of its instance; the caller holds the lock.
     ///
     /// # Errors
     /// The operating system refuses.

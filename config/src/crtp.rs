@@ -46,7 +46,7 @@ impl CrtpOptions {
 pub struct CrtpVehicleOptions {
     /// Collective thrust over the duty cycle u, counts / 65535: the coefficients of u and of its square \[N\].
     pub thrust_curve_n: [f64; 2],
-    /// Version of the protocol that the vehicle speaks \[-\].
+    /// Version of the vehicle's protocol \[-\].
     pub protocol: f64,
     /// Whether the vehicle arms automatically.
     pub arms_itself: bool,

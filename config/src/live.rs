@@ -98,7 +98,7 @@ impl Config {
     /// environment, and the instance.
     ///
     /// # Errors
-    /// As [`Config::load`].
+    /// Like [`Config::load`].
     pub fn reread(&self, files: &[PathBuf]) -> Result<Self, ConfigError> {
         let mut settings = Vec::new();
         for file in files {

@@ -39,12 +39,12 @@ pub struct ArmingView<'a> {
     pub configs_differ: bool,
 }
 
-/// Where a flight of a trajectory leads, relative to its start.
+/// Path of a flight along a trajectory, relative to its start.
 #[derive(Clone, Debug)]
 pub(crate) struct ArmingPath {
     /// Points of the trajectory \[m\].
     points: Arc<[Vector3<f64>]>,
-    /// Where the vehicle stops if it brakes at each of them \[m\].
+    /// Points at which the vehicle comes to rest if it brakes at each of `points` \[m\].
     stops: Arc<[Vector3<f64>]>,
 }
 

@@ -273,7 +273,7 @@ impl RequestLog {
         }
     }
 
-    /// Notes the last request of `author`; returns whether `text` differs from the one before.
+    /// Records the last request of `author`; returns whether `text` differs from the one before.
     fn note(&mut self, author: String, text: &str) -> bool {
         let place = self.logged.iter().position(|(known, _)| *known == author);
         let before = place.and_then(|place| self.logged.remove(place));

@@ -60,7 +60,7 @@ const DEFAULT_LIMIT: f64 = 12.0;
 const UNCONFIRMED_S: f64 = 0.22;
 /// Time for which a rotation that was not seen counts \[s\].
 const UNSEEN_S: f64 = 1.0;
-/// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
+/// Deviation between rotations that agree, as a multiple of the configured noise, until it is measured \[-\].
 const TOLD_SHARE: f64 = 1.5;
 
 /// Evidence against the poses over its limit \[-\]: from 1 on it is reported.

@@ -169,7 +169,7 @@ impl Cycle {
         self.step_with(now, arrival, &mut LawPort::default())
     }
 
-    /// As [`Cycle::step`], with `law` where `control.controller` is external.
+    /// Like [`Cycle::step`], with `law` where `control.controller` is external.
     pub fn step_with(
         &mut self,
         now: Time,
@@ -318,7 +318,7 @@ impl Cycle {
         self.supervision.request(now, command, &mut self.intake)
     }
 
-    /// Makes `change` and returns the reply. Settings always take effect; what they replace is in `change` afterwards.
+    /// Executes `change` and returns the reply. Settings always take effect; the replaced ones are in `change` afterwards.
     pub fn change(&mut self, now: Time, change: &mut FlightChange) -> ControlResponseV1 {
         if let FlightChange::Settings(live) = change {
             self.control.exchange_stack(&mut live.stack, live.keeps_law);

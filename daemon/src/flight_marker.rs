@@ -62,7 +62,7 @@ impl TakeOffMarker {
 /// The marker of flights, for the background thread.
 #[derive(Debug)]
 pub(crate) struct InFlightMarker {
-    /// `None` for an observer.
+    /// Marker file; `None` for a daemon that only observes.
     marker: Option<FlightMarker>,
     /// Whether the command that started the daemon reports its end: then only marks of earlier flights are removed.
     is_child: bool,

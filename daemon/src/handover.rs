@@ -66,7 +66,7 @@ impl Handover {
         self.left_s = Some(FULL_RANGE_S);
     }
 
-    /// As [`Handover::begin`], without a minimum duration: the limit grows at once, and the hand-over ends once the command is reached,
+    /// Like [`Handover::begin`], without a minimum duration: the limit grows at once, and the hand-over ends once the command is reached,
     /// after a quarter of a second at the latest.
     pub fn begin_until_reached(&mut self) {
         self.left_s = Some(0.0);

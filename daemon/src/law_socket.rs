@@ -90,8 +90,8 @@ impl SocketLaw {
         }
     }
 
-    /// Shuts a failed connection down in both directions, so that the listener, which has a duplicate of it, also notices: a law may have
-    /// closed one alone.
+    /// Shuts a failed connection down in both directions, so that the listener, which has a duplicate of it, detects the failure too: the
+    /// law may have closed only one direction.
     fn disconnect(&mut self) {
         if let Some(connection) = self.connection.take() {
             let _ = shutdown(connection, Shutdown::Both);
@@ -214,7 +214,7 @@ impl LawListener {
         self.present.is_some()
     }
 
-    /// Notices the end of the law, and accepts one that waits. While one is connected, others are refused.
+    /// Detects the end of the connected law, and accepts a waiting one. While one is connected, others are refused.
     pub(crate) fn poll(&mut self) {
         if self.present.as_ref().is_some_and(|present| !is_connected(present)) {
             tracing::warn!("external law disconnected: no law is connected");

@@ -142,7 +142,7 @@ impl LiveSettings {
         Self::of(ReadSettings::at_start(config), files.to_vec())
     }
 
-    /// As [`LiveSettings::new`] without files, with these points of the waypoint file.
+    /// Like [`LiveSettings::new`] without files, with these points of the waypoint file.
     pub fn along(config: &Config, waypoints: Option<Waypoints>) -> Self {
         Self::of(ReadSettings::along(config.clone(), waypoints), Vec::new())
     }

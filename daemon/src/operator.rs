@@ -42,7 +42,7 @@ pub struct OperatorRequests {
     /// Warning about the rate of the poses.
     pub(crate) warning: Option<String>,
     config_hash: u64,
-    /// `None` without a daemon's background thread.
+    /// Settings of the daemon; `None` without its background thread.
     pub(crate) settings: Option<LiveSettings>,
     /// Number of requests that change a flight or its settings so far.
     events: u64,

@@ -160,7 +160,7 @@ impl ReferenceStream {
         self.land_after = other.land_after;
     }
 
-    /// Forgets all references: a flight begins.
+    /// Discards all references, at the beginning of a flight.
     pub fn reset(&mut self) {
         (self.followed, self.ended_since, self.refusal) = (None, None, None);
         self.ignored = None;

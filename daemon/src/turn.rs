@@ -202,7 +202,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
         self.ports.stop.is_newly_raised() || self.cycle.awaits_arm()
     }
 
-    /// Makes a change of the flight that came between two turns, from the request with the number `event`, and records it.
+    /// Executes a change of the flight that arrived between two turns, from the request with the number `event`, and records it.
     ///
     /// # Errors
     /// The transport failed.

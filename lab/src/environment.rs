@@ -126,7 +126,7 @@ impl Environment {
     /// Begins the episode of `seed`.
     ///
     /// # Errors
-    /// As [`Environment::new`].
+    /// Like [`Environment::new`].
     pub fn reset(&mut self, seed: u64) -> Result<(), Failure> {
         self.mission.config.clock.seed = seed;
         self.lane = begin(&self.mission, self.task)?;

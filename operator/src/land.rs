@@ -33,7 +33,7 @@ const OLDER_TICKS: u32 = 2;
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 /// Pause between two requests.
 const REPEAT_PERIOD: Duration = Duration::from_millis(50);
-/// Time after which the command gives up.
+/// Time-out of the command.
 const TIMEOUT: Span = Span::from_millis(950);
 
 /// Answer of the daemon, or its state in flight once it lands; `None` if neither was received.
@@ -43,7 +43,7 @@ type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
 struct PendingAnswer {
     /// The daemon and its place, as text.
     daemon: String,
-    /// `None` if its root is unknown.
+    /// Receives the daemon's answer; `None` if the daemon's root is unknown.
     answer: Option<Receiver<LandingAnswer>>,
 }
 

@@ -77,15 +77,15 @@ pub struct ObeyedStop {
 /// Reason why a stop is not confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Unconfirmed {
-    /// This user may not look at the files of its process.
+    /// This user has no access to the files of the vehicle's process.
     Unreadable,
-    /// Its process has not opened its stop words.
+    /// The vehicle's process has not opened its stop words yet.
     Starting,
-    /// Its process has ended since.
+    /// The vehicle's process has ended since.
     Ended,
-    /// A daemon runs without a process of its vehicle.
+    /// A daemon runs without a process of the vehicle.
     Missing,
-    /// Its process runs, but has not obeyed.
+    /// The vehicle's process runs, but has not obeyed.
     Hangs,
 }
 

@@ -75,7 +75,7 @@ pub struct ClockState {
     pub offset_ns: i64,
     /// Rate of our clock against the server's \[ppm\].
     pub drift_ppm: f64,
-    /// As [`CaptureTime::uncertainty`].
+    /// Like [`CaptureTime::uncertainty`].
     pub uncertainty: Span,
 }
 

@@ -49,7 +49,7 @@ pub trait CameraStream: Debug + Send {
     /// The connection is lost.
     fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()>;
 
-    /// Sends what is due, such as a sign of life.
+    /// Sends the messages that are due, such as a keep-alive message.
     ///
     /// # Errors
     /// The connection is lost.

@@ -85,7 +85,7 @@ pub struct ReceiverTurn<T: Transport> {
 /// Parts of a [`ReceiverTurn`].
 #[derive(Debug)]
 pub struct TurnParts {
-    /// From frames to poses.
+    /// Converter of frames to poses.
     pub receiver: PoseReceiver,
     /// The sockets that wake the loop.
     pub sockets: SocketSet,

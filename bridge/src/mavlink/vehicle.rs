@@ -72,7 +72,7 @@ impl AutopilotState {
         }
     }
 
-    /// Forgets the autopilot.
+    /// Discards the selected autopilot and its state.
     pub(super) fn reset(&mut self) {
         *self = Self::new(self.required_kind, self.required_system);
     }

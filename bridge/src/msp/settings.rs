@@ -171,7 +171,7 @@ impl MspField {
 pub struct ArmingSwitch {
     /// Index of the auxiliary channel, from 0 \[-\].
     pub channel: usize,
-    /// Its values while the motors are to run, and while not \[us\].
+    /// Values of the channel for running motors, and for stopped ones \[us\].
     pub values: [u16; 2],
 }
 

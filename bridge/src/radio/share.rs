@@ -34,7 +34,7 @@ pub struct SharedVehicle {
     pub address: SocketAddr,
 }
 
-/// How vehicles share a radio.
+/// Options of a radio that several vehicles share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RadioShareOptions {
     /// Greatest rate of packets other than set-points to each vehicle \[1/s\].

@@ -66,8 +66,8 @@ message! {
 }
 
 message! {
-    /// Topic `vehicle`: state of the vehicle as the plant or the bridge knows it, once per command applied. A bridge publishes it
-    /// in every period, with or without a command.
+    /// Topic `vehicle`: state of the vehicle, from the plant or the bridge, once per command applied. A bridge publishes it in every
+    /// period, with or without a command.
     VehicleV1 = "oqtal.Vehicle.v1" {
         /// Sequence of the command that this is about.
         command_sequence: u64 ["-"],

@@ -17,7 +17,7 @@ const LEAST_SHARE: f64 = 0.4;
 const COUNTS_PER_S: f64 = 8.0;
 /// Horizontal acceleration by wind and imbalance, against which a vehicle is tilted without showing it \[m/s^2\].
 const DISTURBANCE_M_S2: f64 = 0.1;
-/// Its effect after the filters \[m\].
+/// Effect of that disturbance after the filters \[m\].
 const LEAST_M: f64 = DISTURBANCE_M_S2 / (CORNER_RAD_S * CORNER_RAD_S);
 
 /// The two filtered accelerations and the sums of evidence.

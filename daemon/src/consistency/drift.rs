@@ -25,9 +25,10 @@ pub(super) struct DriftLimit {
 }
 
 impl DriftLimit {
-    /// Of the gyroscope: 1.7 deg over some seconds.
+    /// Limit for the rotation measured by the gyroscope: 1.7 deg over some seconds.
     pub(super) const GYROSCOPE: Self = Self { decay_s: 8.0, angle_rad: 0.03, share: 0.15 };
-    /// Of the commands: a vehicle may have half of the configured rate authority, and wind may turn it.
+    /// Limit for the rotation predicted from the commands: a vehicle may have only half of the configured rate authority, and wind may turn
+    /// it.
     pub(super) const COMMANDS: Self = Self { decay_s: 2.0, angle_rad: 0.16, share: 1.5 };
 }
 

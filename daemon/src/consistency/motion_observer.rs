@@ -65,7 +65,7 @@ impl MotionObserver {
         self.balance = Some(balance - change);
     }
 
-    /// As [`Self::take`], with the `acceleration` \[m/s^2, world\] of a known balance.
+    /// Like [`Self::take`], with the `acceleration` \[m/s^2, world\] of a known balance.
     pub(super) fn take_balanced(
         &mut self,
         position: &Vector3<f64>,

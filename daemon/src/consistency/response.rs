@@ -13,9 +13,10 @@ pub(super) struct ResponseLimit {
 }
 
 impl ResponseLimit {
-    /// Of the gyroscope.
+    /// Limit for the rotation measured by the gyroscope.
     pub(super) const GYROSCOPE: Self = Self { share: 0.3, margin: 1.5 };
-    /// Of the commands: the vehicle may have half of the configured authority, and another lag and delay.
+    /// Limit for the rotation predicted from the commands: the vehicle may have only half of the configured authority, and another lag and
+    /// delay.
     pub(super) const COMMANDS: Self = Self { share: 0.2, margin: 3.0 };
 }
 

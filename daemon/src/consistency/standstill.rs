@@ -84,7 +84,7 @@ impl StandstillTest {
         if still.time_s < LEAST_STILL_S { 0.0 } else { still.unseen(position).norm() / limit_m }
     }
 
-    /// As [`Self::take`], near the floor, where `lift_m_s2` is the acceleration by the thrust beyond gravity \[m/s^2\].
+    /// Like [`Self::take`], near the floor, where `lift_m_s2` is the acceleration by the thrust beyond gravity \[m/s^2\].
     pub(super) fn take_near_floor(
         &mut self,
         position: &Vector3<f64>,

@@ -71,7 +71,7 @@ impl VehicleRates {
         t_s - self.back(1).0 <= CONTINUED_S
     }
 
-    /// As [`Self::turn`], and counts whether the reports cover it.
+    /// Like [`Self::turn`], and counts whether the reports cover it.
     pub(super) fn covered_turn(&mut self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
         let turn = self.turn(from_s, to_s);
         let gained_s = if turn.is_some() { -REGAINED } else { 1.0 } * (to_s - from_s);

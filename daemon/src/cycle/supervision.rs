@@ -296,7 +296,7 @@ impl FlightSupervision {
         }
     }
 
-    /// Makes a change of the flight, or of the settings, and returns the reply.
+    /// Executes a change of the flight, or of the settings, and returns the reply.
     pub(super) fn change(
         &mut self,
         now: Time,

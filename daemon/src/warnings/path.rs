@@ -67,8 +67,8 @@ pub(super) fn jerks(
     })
 }
 
-/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there; with `or_else`, what
-/// else is a remedy.
+/// Warning that names where the reference is fastest along an axis, if it is faster there than the limit of the commanded velocity.
+/// `or_else` is a further remedy.
 pub(super) fn too_fast(
     samples: &[(f64, Reference)],
     config: &Config,
@@ -181,7 +181,7 @@ fn followed_lag_ms(config: &Config) -> f64 {
     if is_chirp { config.vehicle.rate_lag_ms } else { 0.0 }
 }
 
-/// Where a prescribed attitude turns fastest, if the vehicle has too little authority for it.
+/// Warning that names the instant at which a prescribed attitude turns fastest, if the vehicle has too little authority for it.
 pub(super) fn turns_too_fast(config: &Config, trajectory: &Trajectory) -> Option<String> {
     // Of a vehicle commanded by torque the rates have no limit of their own.
     if config.vehicle.interface == Interface::Torque {

@@ -80,7 +80,7 @@ impl NatNetClient {
         }
     }
 
-    /// Next message that the client waits for.
+    /// Message that the client waits for next.
     pub fn stage(&self) -> NatNetStage {
         self.stage
     }
