@@ -42,8 +42,8 @@ pub struct BridgePorts<T: Transport> {
 }
 
 impl<T: Transport> BridgePorts<T> {
-    /// Opens them, the vehicle topic first: its single writer is the lock against a second bridge, and a plant. Poses are read for
-    /// a vehicle that `takes_poses`.
+    /// Opens the ports, the vehicle topic first: its single writer is the lock against a second bridge, and a plant. Poses are read for a
+    /// vehicle that `takes_poses`.
     ///
     /// # Errors
     /// Another bridge or a plant holds the vehicle topic, or the transport failed.

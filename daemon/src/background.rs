@@ -48,8 +48,8 @@ impl Peer {
         Ok(Self { reader: bus.reader(&role.health())?, last: None })
     }
 
-    /// Whether the process lives and runs with another configuration than that with `hash`. A message that cannot be read counts
-    /// as none.
+    /// Whether the process is alive and has another configuration than the one with `hash`. A message that cannot be read counts as
+    /// missing.
     fn has_other_config(&mut self, hash: u64) -> bool {
         if let Ok(Some((_, health))) = self.reader.latest() {
             self.last = Some(health);
@@ -251,7 +251,7 @@ impl BackgroundWorker for DaemonWorker {
     }
 }
 
-/// Log of requests. A refusal that its author receives again for the same reason is logged once.
+/// Log of requests. A refusal that an author receives repeatedly for the same reason is logged once.
 #[derive(Debug, Default)]
 struct RequestLog {
     /// The last authors, each with its last request as it was logged.

@@ -91,9 +91,9 @@ impl LoopTiming {
         self.last_tick + self.spacing
     }
 
-    /// The first instant of a tick on a new pose, for a vehicle whose command takes `wire` on its wire. Only commands must not be
-    /// closer than the wire allows: a pose after a stall is flown on as soon as it arrives. Poses that are decimated keep the
-    /// regular spacing after a tick on a pose.
+    /// The earliest instant of a tick on a new pose, for a vehicle whose command takes the time `wire` on its wire. The wire only limits
+    /// the spacing of commands: a pose after a stall is used as soon as it arrives. If poses are decimated, ticks on poses keep their
+    /// regular spacing.
     fn earliest_on_pose(&self, wire: Span) -> Time {
         if self.decimates && !self.was_blind {
             return self.earliest();

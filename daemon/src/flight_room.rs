@@ -220,8 +220,9 @@ fn check_flyable(
     check_motion(config, (trajectory, start.or_else(|| known_start(config))), room)
 }
 
-/// Whether the vehicle can follow `trajectory`, and the daemon accepts its set-points, beside the check of its `room`: with a remedy for the
-/// one the other would be refused. The factor of time also gives room from `start` \[m, world\], if one does.
+/// Whether the vehicle can follow `trajectory`, and the daemon accepts its set-points, in addition to the check of its `room`, since with
+/// the remedy for one the flight could still be refused by the other. If a factor of time exists that also gives room from `start`
+/// \[m, world\], it is that one.
 fn check_motion(
     config: &Config,
     (trajectory, start): (&Trajectory, Option<Vector3<f64>>),

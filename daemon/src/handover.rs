@@ -10,7 +10,7 @@ use oqtal_control::quantity::{StickCommand, Torque};
 
 use crate::command::{RotationCommand, VehicleCommand};
 
-/// Time in which a command may change by its whole range; also the minimum duration of a hand-over, and half its greatest \[s\].
+/// Time in which a command may change by its whole range \[s\]; also the minimum duration of a hand-over, and half of its maximum duration.
 const FULL_RANGE_S: f64 = 0.25;
 /// Range of the attitude of a command \[rad\].
 const ATTITUDE_RANGE_RAD: f64 = 1.0;

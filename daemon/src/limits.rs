@@ -11,8 +11,8 @@ use crate::floor::OFF_FLOOR_M;
 
 /// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
 const FENCE_SIGMA: f64 = 3.0;
-/// The same for a descent without poses: level and under less thrust than a hover the vehicle moves less than the uncertainty, which
-/// is that of any flight, allows, and motors that stop let it fall.
+/// The same for a descent without poses. Level, and with less thrust than in a hover, the vehicle moves less than the uncertainty of a
+/// general flight allows; stopping the motors would let it fall.
 const DESCENT_SIGMA: f64 = 0.5;
 /// Fraction of maximum thrust, as commanded, above which thrust counts as full \[-\].
 const FULL_THRUST: f64 = 0.95;

@@ -316,8 +316,8 @@ impl LiveSettings {
         self.settings(self.read(self.present().with_live(&settings)?, is_named)?, text, false)
     }
 
-    /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
-    /// daemon's files as they are now; flags keep precedence over the files.
+    /// Changes the settings that differ in the file `path`. Without a path, undoes the changes in flight and reads the daemon's files
+    /// again; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
         let files = if path.is_empty() { &self.files[..] } else { &[PathBuf::from(path)] };
         if files.is_empty() {

@@ -23,7 +23,7 @@ pub struct SetpointGuard {
     plan: u32,
 }
 
-/// Why a reference was refused.
+/// Reason why a reference was refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SetpointRefusal {
     /// The reference is invalid; the text names the invalid part.

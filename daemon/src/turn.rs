@@ -37,13 +37,13 @@ pub struct DaemonPorts<T: Transport> {
     exchange: Option<(T::Writer<StateV1>, T::Writer<ExternalV1>)>,
     /// Path of the commands besides the bus.
     direct: Option<Box<dyn DirectPath>>,
-    /// Copies of what was read, where faults by hand alter it; `None` where it is read as it was sent.
+    /// Copies of the samples read by the daemon, if injected faults alter them; `None` for samples that are read as sent.
     poses_read: Option<T::Writer<PoseV1>>,
     vehicles_read: Option<T::Writer<VehicleV1>>,
 }
 
 impl<T: Transport> DaemonPorts<T> {
-    /// Opens them, the command topic first: its single writer is the lock against a second controller.
+    /// Opens the ports, the command topic first: its single writer is the lock against a second controller.
     ///
     /// # Errors
     /// Another controller holds the command topic, or the transport failed.

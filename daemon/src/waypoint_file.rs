@@ -114,7 +114,7 @@ impl ReadSettings {
         file(self) == file(other) && self.waypoints != other.waypoints
     }
 
-    /// The trajectory. A file that could not be read at the start is an error of the request that flies it.
+    /// The trajectory. If the file could not be read at the start, the request that flies it fails.
     ///
     /// # Errors
     /// Like [`trajectory`].

@@ -1,4 +1,4 @@
-//! Test whether the rotation seen by the cameras follows the rotation of the vehicle.
+//! Tests whether the rotation seen by the cameras follows the rotation of the vehicle.
 
 use nalgebra::Vector3;
 
@@ -23,7 +23,7 @@ impl ResponseLimit {
 /// Rate at which evidence is counted \[1/s\]: samples closer together share their noise.
 const COUNTS_PER_S: f64 = 60.0;
 
-/// Driven rotation from which on samples count more \[rad\]: a law whose poses follow the vehicle seldom demands it.
+/// Driven rotation from which on samples have more weight \[rad\]; a law rarely demands it as long as the poses follow the vehicle.
 const LARGE_RAD: f64 = 0.08;
 /// Greatest weight of a large rotation \[-\].
 const GREATEST_WEIGHT: f64 = 6.0;

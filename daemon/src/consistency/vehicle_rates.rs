@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 const KEPT: usize = 32;
 /// Greatest time between two reports over which their rate is integrated \[s\].
 const LONGEST_S: f64 = 0.15;
-/// Time that no report covers from which rotations are compared with the commands instead \[s\].
+/// Uncovered time from which on rotations are compared with the commands instead \[s\].
 const LONGEST_UNCOVERED_S: f64 = 0.5;
 /// Rate at which covered time reduces the uncovered time \[-\].
 const REGAINED: f64 = 0.25;

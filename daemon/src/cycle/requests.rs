@@ -14,9 +14,9 @@ pub(super) struct Requests {
     pub(super) first_flight: FirstFlight,
     /// Whether the flight must be stopped.
     pub(super) stop: bool,
-    /// Whether the daemon begins after one that ended in flight.
+    /// Whether the previous daemon ended in flight.
     pub(super) ended_in_flight: bool,
-    /// Whether no flight has begun since a stop, or since a daemon before was killed.
+    /// Whether no flight has begun since a stop, or since the previous daemon was killed.
     pub(super) awaits_arm: bool,
     /// Whether another vehicle took the place of the one for which a flight was requested.
     pub(super) vehicle_replaced: bool,
