@@ -1,5 +1,5 @@
-//! Interface to the port to a vehicle: a stream such as a serial port, or packets such as datagrams. A link is independent of
-//! formats and set-points; one implementation per kind of port.
+//! Interface to the port to a vehicle: a stream such as a serial port, or packets such as datagrams. A link is independent of formats and
+//! set-points; there is one implementation per kind of port.
 
 use std::fmt::Debug;
 use std::io::{self, ErrorKind};

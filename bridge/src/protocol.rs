@@ -173,12 +173,13 @@ pub trait VehicleProtocol: Debug + Send {
     /// Frame lengths.
     fn sizes(&self) -> FrameSizes;
 
-    /// Encodes a set-point that is sent at `now`; empty if the vehicle is to be sent none. Starting and stopping the motors may take
-    /// the protocol several frames: it is called with the same set-point until the vehicle reports the motors running or stopped,
-    /// and sends what is next.
+    /// Encodes a set-point that is sent at `now`; empty if the vehicle is to be sent none. Starting and stopping the motors may take the
+    /// protocol several frames: it is called with the same set-point until the vehicle reports the motors running or stopped, and returns
+    /// the next frame of the sequence each time.
     fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame;
 
-    /// Whether the vehicle has yet to execute earlier set-points at `now`: none is sent, because it would wait there and grow old.
+    /// Whether the vehicle has not executed earlier set-points at `now`. If so, none is sent, because it would wait in the vehicle and
+    /// become old.
     fn is_busy(&self, _now: Time) -> bool {
         false
     }
@@ -212,7 +213,7 @@ pub trait VehicleProtocol: Debug + Send {
     /// is not known.
     fn time_out(&self) -> Option<Span>;
 
-    /// Whether all that a flight needs of the vehicle was read and set, as far as the vehicle answers.
+    /// Whether all parameters and settings that a flight needs were read and set, as far as the vehicle answers.
     fn is_set_up(&self) -> bool {
         true
     }
@@ -224,8 +225,8 @@ pub trait VehicleProtocol: Debug + Send {
     /// [`VehicleProtocol::final_stop`].
     fn end_flight(&mut self) {}
 
-    /// Encodes what ends the set-points of a bridge that ends while motors may run, behind zero set-points: the emergency stop, unless
-    /// the vehicle has something milder.
+    /// Encodes the final frame of a bridge that ends while motors may run, sent after zero set-points: the emergency stop, unless the
+    /// vehicle has a milder command.
     fn final_stop(&mut self) -> VehicleFrame {
         self.emergency_stop()
     }

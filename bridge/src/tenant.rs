@@ -12,8 +12,8 @@ use crate::note::Note;
 
 /// Period at which a port that the tenant is writing to is checked.
 const RETRY: Span = Span::from_millis(1);
-/// Time for which a set-point that must replace flight commands waits for a tenant that is writing, and then for the end of the killed
-/// one. A frame takes microseconds, and no thread of a killed process executes another instruction of its own.
+/// Time for which a set-point that must replace flight commands waits for a tenant that is writing, and then again for the end of the
+/// killed tenant. A frame takes microseconds, and no thread of a killed process executes another instruction of its own.
 const LONGEST_FRAME: Span = Span::from_millis(2);
 
 /// Part of the bridge that the background thread opens, and closes when it is lost.

@@ -108,7 +108,7 @@ impl Bus {
         &self.paths
     }
 
-    /// Name and id of the process that writes a topic, as in "`oqtal daemon` (123)"; `None` if no process does, or its writer is ending.
+    /// Name and id of the process that writes a topic, such as "`oqtal daemon` (123)"; `None` if no process does, or its writer is ending.
     ///
     /// # Errors
     /// The operating system refuses, or the topic was made by another version.

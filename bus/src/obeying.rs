@@ -82,8 +82,8 @@ fn field<'a>(status: &'a str, name: &str) -> Option<&'a str> {
 }
 
 /// The command of `oqtal` that started the process `pid` and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, with the
-/// settings of its environment, and after a change to its directory if it runs in another one than this process; `None` for a process of its
-/// own.
+/// settings of its environment, and after a change to its directory if it runs in another one than this process; `None` for a process that
+/// was not started in this way.
 pub fn starting_command(pid: u32) -> Option<String> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let parent = format!("/proc/{}", field(&status, "PPid:")?);

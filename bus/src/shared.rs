@@ -27,8 +27,8 @@ pub struct SharedWords {
     count: usize,
     /// Guard of the mapping; `None` only while the words are being dropped.
     guard: Option<MappingGuard>,
-    /// Stays open, so that an operator finds the words through this process after the file was removed, and so that the file can be
-    /// given its size again.
+    /// The file stays open, so that an operator finds the words through this process after the file was removed, and so that the size of
+    /// the file can be restored.
     file: File,
 }
 

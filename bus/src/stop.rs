@@ -6,8 +6,7 @@
 //! vehicle and the daemon each confirm the number that they obey. Reading requires no lock and no other process; a stop outlives the
 //! processes that raised or obeyed it.
 //!
-//! A signal is a second path to both processes, which no removal of a file can cut: a process that receives it raises the stop
-//! itself.
+//! A signal is a second path to both processes, which does not depend on any file: a process that receives it raises the stop itself.
 
 use std::fs::File;
 use std::ops::Deref;
@@ -79,7 +78,7 @@ impl StopSwitch {
         Self { words: StopWords::Local(words), signals: SignalFlags::default() }
     }
 
-    /// The stop in the file at `path`, made if it does not exist; the caller holds the lock of the instance.
+    /// The stop in the file at `path`, which is created if it does not exist; the caller holds the lock of the instance.
     pub(crate) fn open(path: PathBuf) -> Result<Self, BusError> {
         let words = SharedWords::open(&path, WORDS)
             .map_err(|error| BusError::of_shared_file(FILE, path, &error))?;

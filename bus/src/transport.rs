@@ -26,7 +26,7 @@ pub trait Publish<M: Message> {
 
 /// Path of commands to the vehicle besides the bus, without another process between.
 pub trait DirectPath: std::fmt::Debug {
-    /// Transmits the command that was published as `sequence`, if it can; otherwise the command takes its way over the bus alone.
+    /// Transmits the command that was published as `sequence`, if it can; otherwise the command is sent over the bus alone.
     fn transmit(&mut self, sequence: u64, command: &CommandV1);
 }
 

@@ -1,4 +1,4 @@
-//! State of the autopilot at the other end: address, firmware, mode, motors, estimate.
+//! State of the autopilot to which the bridge is connected: address, firmware, mode, motors, estimate.
 
 use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
 use oqtal_bus::text::ShortText;
@@ -59,7 +59,7 @@ pub(super) struct AutopilotState {
 }
 
 impl AutopilotState {
-    /// State before the first heartbeat of an autopilot of this kind and system; any, where they are `None`.
+    /// State before the first heartbeat of an autopilot of this kind and system; `None` stands for any.
     pub(super) fn new(required_kind: Option<AutopilotKind>, required_system: Option<u8>) -> Self {
         Self {
             required_kind,

@@ -264,8 +264,8 @@ impl MspSettings {
         modes.map(|(bit, mode)| (1 << bit, *mode))
     }
 
-    /// Whether the vehicle's receiver is MSP, so that its failsafe acts when set-points end. With MSP override it watches the pilot's
-    /// receiver instead.
+    /// Whether the vehicle's receiver is MSP, so that its failsafe acts when set-points end. With MSP override the failsafe depends on the
+    /// pilot's receiver instead.
     pub fn has_msp_receiver(&self) -> bool {
         self.features() & RX_MSP != 0
     }

@@ -74,7 +74,7 @@ impl Drop for MappingGuard {
     }
 }
 
-/// Files of this process that were shortened since the last call, each with whether it has its size again.
+/// Files of this process that were shortened since the last call, each with whether its size was restored.
 pub(crate) fn take_shortened() -> Vec<(PathBuf, bool)> {
     let shortened = GUARDED.iter().filter_map(|slot| {
         let is_used = slot.begin.load(Ordering::Acquire) > RESERVED;
