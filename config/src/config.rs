@@ -283,7 +283,7 @@ impl Config {
         toml::to_string(self).expect("a configuration holds only what TOML can say")
     }
 
-    /// Hash of the effective configuration, without the settings that say where and how it is flown and recorded: instance, kind of
+    /// Hash of the effective configuration, without the settings that determine where and how it is flown and recorded: instance, kind of
     /// clock, log, recordings, ends of wires, and directories of input files.
     pub fn hash(&self) -> u64 {
         let mut hasher = fnv::FnvHasher::default();

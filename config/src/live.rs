@@ -1,4 +1,5 @@
-//! Settings that change while the daemon runs: which may, the configuration with them, and differences between configurations.
+//! Settings that change while the daemon runs: the permitted ones, the configuration with changes applied, and differences between
+//! configurations.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -3,8 +3,7 @@
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-/// Highest priority of the daemon under SCHED_FIFO: the bridge is one above it; watchdogs and the kernel's own threads stay above
-/// both.
+/// Highest priority of the daemon under SCHED_FIFO: the bridge has one more; watchdogs and the kernel's own threads are above both.
 const MAX_PRIORITY: u8 = 79;
 /// Lowest priority of the daemon: cameras and simulator are one and two below it.
 const MIN_PRIORITY: u8 = 3;

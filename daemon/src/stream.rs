@@ -166,7 +166,7 @@ impl ReferenceStream {
         self.ignored = None;
     }
 
-    /// Ends the stream, since an operator now determines the flight; the newest reference is ignored from then on.
+    /// Ends the stream, since an operator now determines the flight; references of the same writer are ignored until it pauses.
     pub fn end(&mut self) {
         self.reset();
         self.ignored = self.last;

@@ -1,5 +1,5 @@
-//! Output of a study: the output directory with its files and its journal, or one file. Results of another study are not replaced
-//! unless that is asked for. All results state their provenance: command line, program version and configuration.
+//! Output of a study: the output directory with its files and its journal, or one file. Results of another study are replaced only on
+//! request. All results state their provenance: command line, program version and configuration.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};

@@ -38,7 +38,7 @@ impl InstanceStatus {
         (!self.processes.is_empty()).then(|| self.config_hashes().all(|hash| Some(hash) == first))
     }
 
-    /// Hash of the configuration with which the process of `role` runs; `None` if it was not observed, or has one of its own.
+    /// Hash of the configuration with which the process of `role` runs; `None` if it was not observed, or has a separate configuration.
     pub fn config_of(&self, role: Role) -> Option<&str> {
         let process = self.processes.iter().find(|process| process.name == role.name())?;
         process.report.as_ref()?.config_hash.as_deref()

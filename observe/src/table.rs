@@ -97,7 +97,7 @@ fn errors(summary: &Summary) -> Option<Table> {
     Some(table)
 }
 
-/// The figures at the corners in two lines: of the position error, how much is the step of the reference, not the law.
+/// The figures at the corners in two lines: the share of the position error that is due to the step of the reference, not to the law.
 fn corners(corners: &CornerFigures) -> String {
     let CornerFigures { settling, step_m, overshoot_m, .. } = corners;
     let (count, settled) = (settling.count, corners.settling_text());

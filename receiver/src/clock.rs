@@ -1,9 +1,9 @@
 //! Estimate of a camera server's clock: converts its stamps to instants of capture on the monotonic clock of this machine.
 //!
-//! A server stamps its frames with its own clock, which differs from ours by an unknown offset and a drift of some parts per
-//! million. Only the arrivals of stamped frames are observable, each late by an unknown delay. [`ServerClock`] uses the line
-//! below all recent arrivals, [`LowerEnvelope`]: the frames with the shortest delay. The least delay itself cannot be observed at
-//! this end; it is part of `receiver.camera-latency-ms`, which is configured.
+//! A server stamps its frames with its own clock, which differs from ours by an unknown offset and a drift of some parts per million. Only
+//! the arrivals of stamped frames are observable, each late by an unknown delay. [`ServerClock`] uses the line below all recent arrivals,
+//! [`LowerEnvelope`]: the frames with the shortest delay. The least delay itself cannot be observed here; it is part of the configured
+//! `receiver.camera-latency-ms`.
 //!
 //! A frame whose stamp *contradicts* the line (it arrived before it was captured, or its stamp is not after the last one) is
 //! rejected. If contradictions persist, the server's clock was set, and it is estimated again. A longer delay of any duration is
@@ -47,7 +47,7 @@ const UNCERTAINTY_FACTOR: f64 = 40.0;
 pub struct CaptureTime {
     /// The instant, never after the arrival.
     pub captured_at: Time,
-    /// Error of the instant that is not exceeded in 99 of 100 frames; the least one-way delay, which cannot be seen, excluded.
+    /// Error of the instant that is not exceeded in 99 of 100 frames, without the least one-way delay, which cannot be observed.
     pub uncertainty: Span,
     /// Delay of this frame beyond the least one.
     pub delay: Span,

@@ -307,8 +307,8 @@ fn pass_on(
     }
 }
 
-/// The middle of the exposure \[ns, server clock\]. Without a value it is zero: the arrival of their data at the
-/// server, or the time since its start, stand in for it, and their constant delay belongs to the latency of the cameras.
+/// The middle of the exposure \[ns, server clock\]. Cameras without this value send zero: the arrival of their data at the server, or the
+/// time since the server's start, is used instead, and its constant delay is part of the latency of the cameras.
 fn stamp_ns(frame: &NatNetFrame<'_>, clock_hz: u64) -> Option<u64> {
     let times = frame.times();
     let ticks = [times.mid_exposure, times.received].into_iter().find(|ticks| *ticks > 0);

@@ -24,8 +24,7 @@ pub struct MeasuredBody {
 
 /// Consumer of the frames of a stream.
 pub trait FrameSink {
-    /// A frame has arrived. Frames that one counter numbers and one clock stamps have one gate: all frames of a server, or those
-    /// of one body.
+    /// A frame has arrived. Frames with a common counter and clock have a common gate: all frames of a server, or those of one body.
     fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time);
 
     /// A body of the frame that arrived last at this gate.

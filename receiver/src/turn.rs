@@ -1,5 +1,5 @@
 //! One turn of the receiver over its ports: read the sockets, publish the newest pose of each body. No call blocks or logs, and none
-//! allocates while the connection stands.
+//! allocates while the connection is open.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};

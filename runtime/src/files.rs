@@ -63,8 +63,8 @@ fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     })
 }
 
-/// Checks that [`create`] will be able to write a file; its content is kept. A pipe is not opened: its reader would take the end
-/// of the check for the end of the file.
+/// Checks that [`create`] will be able to write a file; its content is kept. A pipe is not opened: its reader would interpret the end of
+/// the check as the end of the file.
 ///
 /// # Errors
 /// Like [`create`].
@@ -91,7 +91,7 @@ pub fn identity(path: &Path) -> Option<(u64, u64)> {
     std::fs::symlink_metadata(path).ok().map(|file| (file.dev(), file.ino()))
 }
 
-/// Removes the file at `path` if it is the one of this [`identity`]: another process may have made a file of its own there.
+/// Removes the file at `path` if it is the one of this [`identity`]: another process may have created its own file there.
 pub fn remove_same(path: &Path, file: Option<(u64, u64)>) {
     if identity(path) == file {
         let _ = std::fs::remove_file(path);

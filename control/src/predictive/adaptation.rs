@@ -119,8 +119,8 @@ impl Adaptation {
         next
     }
 
-    /// Restarts the estimators at the next pose, after a motion that no model describes: what they learnt is discarded. The gain of
-    /// the thrust is kept.
+    /// Restarts the estimators at the next pose, after a motion that no model describes; their estimates are discarded. The gain of the
+    /// thrust is kept.
     pub fn interrupt(&mut self) {
         self.last = None;
     }

@@ -71,9 +71,9 @@ pub fn is_cramped(cause: &str) -> bool {
 /// Settings that a remedy may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Changes {
-    /// All, as of a study.
+    /// All settings, for a study.
     All,
-    /// Sizes of trajectories, as requests to a daemon.
+    /// Sizes of trajectories, by requests to a daemon.
     InFlight,
 }
 

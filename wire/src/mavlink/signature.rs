@@ -1,6 +1,6 @@
 //! Signatures of MAVLink 2: signing of packets, and the check of received ones.
 //!
-//! A signature is the beginning of SHA-256 over a secret key, the packet and a stamp that rises with every packet, so that replayed
+//! A signature is the beginning of SHA-256 over a secret key, the packet and a stamp that increases with every packet, so that replayed
 //! packets are rejected.
 
 use std::fmt;

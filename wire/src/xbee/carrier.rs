@@ -9,7 +9,7 @@ use super::frame::{ApiFrame, Payload, TooLong, UNKNOWN_NETWORK};
 use super::packet::{MAX_PAYLOAD, WireBytes};
 use crate::stream::{DecodedEvents, DecoderCounters};
 
-/// Address of the radio at the other end of the air.
+/// Address of the remote radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Address {
     /// Address of 16 bits: frames 0x01, 0x81 and 0x89.
