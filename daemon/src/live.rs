@@ -240,8 +240,7 @@ impl LiveSettings {
             .is_some_and(|(settings, _)| settings.has_same_values(&self.present))
     }
 
-    /// Returns the warnings that `prepared` adds: those of its settings that the present settings do not cause, and that of its point, for
-    /// a floor at height 0.
+    /// Returns the warnings that `prepared` adds to those of the present settings, by its settings or its point; the floor is at height 0.
     pub fn new_warnings(&self, prepared: &PreparedChange) -> Vec<String> {
         let of = |settings: &ReadSettings| {
             let trajectory = settings.trajectory();
