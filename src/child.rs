@@ -61,7 +61,7 @@ impl Child {
     /// Starts `command` in place of a killed process, and appends to its log.
     ///
     /// # Errors
-    /// As [`Child::start`].
+    /// Like [`Child::start`].
     pub fn restart(&mut self, command: Command) -> Result<(), Failure> {
         self.shut_down();
         let opened = File::options().append(true).open(&self.log);

@@ -54,7 +54,7 @@ impl CtlArgs {
         self.command.command().to_string()
     }
 
-    /// As [`CtlArgs::execute`]; `document` receives an answer as JSON, also that of a refusal.
+    /// Like [`CtlArgs::execute`]; `document` receives an answer as JSON, also that of a refusal.
     fn run(&self, document: &mut Option<String>) -> Result<Exit, Failure> {
         let request = request_of(self.command, &self.arguments)?.by("oqtal");
         let (instance, config) = self.target()?;

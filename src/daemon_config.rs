@@ -8,7 +8,7 @@ pub fn daemon_config(place: &InstancePaths) -> Option<Config> {
     text_and_config(place).map(|(_, config)| config)
 }
 
-/// As [`daemon_config`], with the text of the file.
+/// Like [`daemon_config`], with the text of the file.
 pub fn text_and_config(place: &InstancePaths) -> Option<(String, Config)> {
     let file = place.config();
     let text = std::fs::read_to_string(&file).ok()?;

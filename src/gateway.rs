@@ -209,7 +209,7 @@ impl Gateway<'_> {
     }
 }
 
-/// Says which other process is the writer of references: those of programs at this gateway are refused.
+/// Prints which other process is the writer of references, because those of programs at this gateway are refused.
 fn tell_writer(bus: &Bus) {
     if let Ok(Some(writer)) = bus.holder(&REFERENCE) {
         say(&format!(

@@ -25,7 +25,7 @@ use files::LiveTuningFiles;
 use hover::{ObservedHover, SETTLE_S};
 use requests::{ask, present_settings};
 
-/// Time in which a running daemon publishes a tick \[s\].
+/// Time within which a running daemon publishes a tick \[s\].
 const FIRST_TICK_S: f64 = 1.0;
 /// Time over which the error of a hover is measured \[s\].
 const HOVER_S: f64 = 6.0;
@@ -154,7 +154,7 @@ fn handle_interrupts(paths: &InstancePaths) -> Result<(), Failure> {
         .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))
 }
 
-/// How the new gains are taken back.
+/// Text that says how to undo the new gains.
 fn undo(paths: &InstancePaths) -> String {
     format!("`oqtal ctl undo {}` takes them back", paths.flags())
 }

@@ -28,7 +28,7 @@ pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
 /// Reads the flight of the recording at `path`.
 ///
 /// # Errors
-/// As [`read`]; or the recording has no tick of a daemon (65).
+/// Like [`read`]; or the recording has no tick of a daemon (65).
 pub fn read_flight(path: &Path) -> Result<Flight, Failure> {
     let flight = recording::flight(&read(path)?).map_err(failure)?;
     if flight.samples.is_empty() {

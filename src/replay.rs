@@ -52,7 +52,7 @@ struct ReplayReport {
     unmatched: usize,
     /// Ticks that were recorded and not replayed \[-\].
     not_replayed: usize,
-    /// When the replayed daemon stopped motors that ran in the recording, and why.
+    /// Instant and cause at which the replayed daemon stopped motors that ran in the recording.
     own_stop: Option<OwnStop>,
     /// Messages missing in the recording \[-\].
     missing: u64,

@@ -167,11 +167,11 @@ impl ViewArgs {
     }
 }
 
-/// Configuration of the daemon of an instance, as it wrote it at its start.
+/// Configuration of an instance's daemon, as the daemon wrote it at its start.
 #[derive(Debug)]
 struct DaemonConfig {
     place: InstancePaths,
-    /// Instant at which the file was written when it was read last.
+    /// Modification time of the file when it was last read.
     written: Option<SystemTime>,
 }
 

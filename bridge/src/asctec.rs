@@ -10,8 +10,8 @@
 //! | `rate`, Eq. (61) | the command's sticks | the command's stick |
 //! | `attitude` | roll and pitch of the commanded attitude, as 3-2-1 angles | the rate that the command's stick stands for |
 //!
-//! A vehicle that holds an attitude holds it relative to its own heading: the commanded roll and pitch are correct as far as its
-//! yaw is held.
+//! A vehicle with its own attitude loop holds the attitude relative to its own heading: the commanded roll and pitch are correct only while
+//! the yaw is held.
 
 use oqtal_bus::lease::EncoderState;
 use oqtal_bus::message::CommandV1;

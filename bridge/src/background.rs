@@ -22,7 +22,7 @@ pub type BridgeHandle = RtHandle<Note, PortPart, PortPart>;
 pub struct PortKeeper {
     handle: BackgroundHandle<Note, PortPart, PortPart>,
     port: Arc<dyn PortOptions>,
-    /// Where the vehicle is, for the log.
+    /// Link to the vehicle, for the log.
     spec: LinkSpec,
     search: Reopener<Box<dyn VehicleLink>>,
     table_keeper: Option<TableKeeper>,

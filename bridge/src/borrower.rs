@@ -1,5 +1,5 @@
-//! The port of a bridge in another process, its tenant, which writes each flight set-point as soon as it is computed. All other
-//! set-points are the bridge's, and those that the tenant could not write.
+//! The port of a bridge in another process, borrowed by this process as its tenant, which writes each flight set-point as soon as it is
+//! computed. The bridge writes all other set-points, and those that the tenant could not write.
 
 use std::fs::File;
 use std::os::fd::OwnedFd;

@@ -65,7 +65,8 @@ pub struct Bridge {
     commands_lost: u64,
     /// Instant since which an operator's stop is in force.
     stopped_since: Option<Time>,
-    /// Whether the set-point on its way was chosen since, and whether one was handed to the port: such a set-point does not fly.
+    /// Whether the set-point on its way was selected since the stop, and whether one was handed to the port since: such a set-point is not
+    /// a flight command.
     stop_begun: bool,
     stop_sent: bool,
     was_answering: bool,
@@ -325,7 +326,7 @@ impl Bridge {
         }
     }
 
-    /// Looks at the port, which has `queued` bytes yet to send; returns whether everything handed over is to be discarded, as
+    /// Checks the port, which still has `queued` bytes to send; returns whether everything handed over is to be discarded, as
     /// `Outbox::is_stuck`.
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
         self.outbox.is_stuck(now, queued)

@@ -63,7 +63,7 @@ const LEVEL_AFTER: Span = Span::from_millis(500);
 const WORDS: usize = 3;
 /// Longest time between two reads of the port.
 const READ_PERIOD: Span = Span::from_millis(5);
-/// Share by which the greatest thrust of a command may exceed what counts give, for rounded values \[-\].
+/// Share by which the greatest thrust of a command may exceed the thrust at maximum counts, because of rounded values \[-\].
 const THRUST_TOLERANCE: f64 = 0.02;
 /// Length of a set-point \[bytes\].
 const SETPOINT_BYTES: usize = 15;

@@ -1,5 +1,5 @@
-//! The socket at which a bridge lends its port to a tenant, for the background thread: it passes on descriptors of the port and of the
-//! lease, and notices the end of the tenant by that of the connection.
+//! The socket at which a bridge lends its port to a tenant, for the background thread. It passes on descriptors of the port and of the
+//! lease; the end of the connection is the end of the tenancy.
 
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ pub struct PortLender {
     port: Option<OwnedFd>,
     /// Connection of the tenant.
     tenant: Option<OwnedFd>,
-    /// Whether the loop has a tenant, and whether it knows that this one has left.
+    /// Whether the loop has a tenant, and whether the loop was informed that the tenant has left.
     is_lent: bool,
     is_announced: bool,
     /// Reason of the last refusal: it is logged once, since a chain tries again ten times a second.
@@ -74,12 +74,12 @@ impl PortLender {
         (self.port, self.tenant) = (None, None);
     }
 
-    /// Takes the port back, whose tenant has left.
+    /// Takes the port back from a tenant that has left.
     pub fn take_back(&mut self) {
         (self.is_lent, self.is_announced) = (false, false);
     }
 
-    /// Notices the end of a tenant, and accepts one; returns what the loop has to know.
+    /// Detects the end of a tenancy, and accepts a new tenant; returns the change for the loop.
     pub fn poll(&mut self) -> Option<PortPart> {
         if self.tenant.as_ref().is_some_and(|connection| !is_connected(connection)) {
             tracing::info!("the chain has left");

@@ -221,7 +221,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 const HELD_TIMEOUT: Span = Span::from_millis(2000);
 const HELD_POLL: std::time::Duration = std::time::Duration::from_millis(50);
 
-/// Opens `port`; waits a while for one that a process still holds, such as a chain that borrowed it from the bridge before.
+/// Opens `port`; waits for a limited time if another process still holds it, such as a chain that borrowed it from the previous bridge.
 fn open_free(port: &dyn PortOptions) -> Result<Box<dyn VehicleLink>, PortOpenError> {
     let give_up = Time::now() + HELD_TIMEOUT;
     loop {
@@ -239,7 +239,7 @@ fn open_free(port: &dyn PortOptions) -> Result<Box<dyn VehicleLink>, PortOpenErr
 /// Passes commands to the vehicle until a stop is requested; leaves it with a zero set-point.
 ///
 /// # Errors
-/// As [`check`]; the port cannot be opened; the bus refuses or breaks.
+/// Like [`check`]; the port cannot be opened; the bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);

@@ -1,5 +1,5 @@
-//! Interface to the port to a vehicle: a stream such as a serial port, or packets such as datagrams. A link is independent of
-//! formats and set-points; one implementation per kind of port.
+//! Interface to the port to a vehicle: a stream such as a serial port, or packets such as datagrams. A link is independent of formats and
+//! set-points; there is one implementation per kind of port.
 
 use std::fmt::Debug;
 use std::io::{self, ErrorKind};
@@ -51,7 +51,8 @@ pub trait VehicleLink: Debug + Send {
         None
     }
 
-    /// Whether a port that learns its peer keeps the present one, because the vehicle answers. Called before reads.
+    /// Sets whether a port that takes its peer from arriving datagrams keeps the present peer, because the vehicle answers. Called before
+    /// reads.
     fn keep_peer(&mut self, _is_kept: bool) {}
 }
 

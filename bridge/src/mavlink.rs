@@ -3,7 +3,7 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `vehicle.rs` | the autopilot at the other end: who it is, its mode, what it says of itself |
+//! | `vehicle.rs` | the autopilot: its address, firmware, mode and reports |
 //! | `starting.rs` | the commands that start and stop the motors |
 //! | `wanted.rs` | parameters that the autopilot needs |
 //! | `requests.rs` | heartbeat, message rates, origin of the world, exchanges of clocks |
@@ -65,7 +65,7 @@ const READ_PERIOD: Span = Span::from_millis(2);
 pub struct Mavlink {
     encoder: MavlinkEncoder,
     decoder: MavlinkDecoder,
-    /// Check of what is received; `None` without a key.
+    /// Check of the signatures of received packets; `None` without a key.
     check: Option<SignatureCheck>,
     vehicle: AutopilotState,
     starting: StartSequence,
@@ -79,7 +79,7 @@ pub struct Mavlink {
     attitude_sd_rad: f64,
     /// Instant at which the port was opened: set-points count time from it.
     opened: Time,
-    /// Address and kind of the autopilot, if another process knows them.
+    /// Address and kind of the autopilot, if another process has determined them.
     continued: Option<(MavlinkAddress, AutopilotKind)>,
 }
 

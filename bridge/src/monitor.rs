@@ -59,7 +59,7 @@ impl VehicleMonitor {
         }
     }
 
-    /// Forgets the vehicle: a port was opened, and another vehicle may be at its other end.
+    /// Discards the state of the vehicle: a port was opened, and another vehicle may be connected to it.
     pub fn reset(&mut self) {
         *self = Self::new(self.silence);
     }

@@ -34,7 +34,7 @@ const SETTLING_TIME: Span = Span::from_millis(500);
 /// State of the motors as the bridge controls them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MotorState {
-    /// Zero set-point; a flight request has no effect until there has been none for a command timeout.
+    /// Zero set-point; a flight request has no effect until none has been received for a command timeout.
     #[default]
     Inhibited,
     /// Zero set-point; a flight request starts the motors.
@@ -147,7 +147,7 @@ pub struct MotorSequencer {
     state: MotorState,
     since: Time,
     longest: Span,
-    /// Time after the last toggle of a start within which the motors may begin to run, or be reported to.
+    /// Time after the last toggle of a start sequence within which the motors may begin to run, or be reported running.
     takes_effect: Span,
     started_here: bool,
     /// Last step in a start sequence, until the motors run or are known to have stayed off.

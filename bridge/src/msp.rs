@@ -1,8 +1,8 @@
 //! Protocol of Betaflight: set-points to the channels of a remote control, replies to the state of the vehicle. Packets and signs of
 //! sticks are `oqtal-wire`'s; `settings.rs` has the settings that the vehicle must have.
 //!
-//! Sticks are body rates (acro): the gyroscope alone closes the loop on board, at kilohertz, and attitude and heading are those of
-//! the cameras. In angle mode the vehicle would hold an attitude by its accelerometer, with a heading that drifts.
+//! Sticks are body rates (acro): the gyroscope alone closes the loop on board, at kilohertz, and attitude and heading are those of the
+//! cameras. In angle mode the vehicle would hold its attitude by the accelerometer, and its heading would drift.
 //!
 //! The arming switch has a level: it is on while this bridge starts the motors and while they run, and off in every other set-point.
 //! While a reason prevents arming it is off, too, because Betaflight arms only at the change.
@@ -50,7 +50,7 @@ const BATTERY_PERIOD: Span = Span::from_millis(1000);
 const REPEAT: Span = Span::from_millis(250);
 /// Age at which the settings of a vehicle with stopped motors are read again.
 const SETTINGS_AGE: Span = Span::from_millis(1000);
-/// Time of a start sequence after which reasons that prevent arming are reported: before, they end by themselves.
+/// Time of a start sequence after which reasons that prevent arming are reported; until then they may end without action.
 const REFUSED_AFTER: Span = Span::from_millis(1000);
 /// Deviation of a vehicle with a pilot's receiver from `safety.vehicle-time-out-ms`, for display.
 const NO_TIME_OUT: &str = "MSP override: no time-out";
@@ -139,7 +139,7 @@ impl Msp {
         })
     }
 
-    /// Forgets the vehicle: its settings are read again.
+    /// Discards the state of the vehicle; its settings are read again.
     fn restart(&mut self) {
         (self.settings, self.status, self.last_reported) = (MspSettings::default(), None, None);
         (self.started_at, self.is_on) = (None, false);

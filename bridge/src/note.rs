@@ -30,7 +30,7 @@ pub enum Note {
     TenantKilled,
     /// The vehicle refuses the request.
     Refused(VehicleRefusal),
-    /// Line of text of the vehicle.
+    /// Line of text sent by the vehicle.
     Text(VehicleText),
 }
 

@@ -1,12 +1,12 @@
 //! Frame being sent, and the state of its port.
 //!
-//! A frame that a port takes only in part is finished before another begins. If a frame is blocked for longer than a period, it
-//! is discarded with the contents of the port: otherwise an old command could be sent when the other end resumes. The vehicle
-//! then receives a truncated frame, whose checksum fails, and finds the next frame by its header; it may also take the next frame
-//! for the missing rest and lose it. That next frame is therefore a zero set-point.
+//! A frame that a port takes only in part is finished before another begins. If a frame is blocked for longer than a period, it is
+//! discarded with the contents of the port: otherwise an old command could be sent when the receiver resumes. The vehicle then receives a
+//! truncated frame, whose checksum fails, and finds the next frame by its header; it may also take the next frame for the missing rest and
+//! lose it. That next frame is therefore a zero set-point.
 //!
-//! A port may also accept frames and send none, while its far end blocks it by flow control. No further frame is then handed
-//! over, and contents older than a period are discarded: commands cannot queue up and be sent late.
+//! A port may also accept frames without sending them, while the receiver blocks it by flow control. No further frame is then handed over,
+//! and contents older than a period are discarded: commands cannot queue up and be sent late.
 
 use oqtal_bus::time::{Span, Time};
 

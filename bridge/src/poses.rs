@@ -34,8 +34,8 @@ impl PoseRelay {
         Self { age, waiting: None, captured_at: Time::UNSET, due_at: Time::UNSET }
     }
 
-    /// Takes a pose from the bus at `now`; poses that are not finite, of a lost body, not newer than the last one, or of the future are
-    /// left out.
+    /// Takes a pose from the bus at `now`; ignores poses that are not finite, of a lost body, not newer than the last one, or stamped in
+    /// the future.
     pub fn receive(&mut self, now: Time, header: &Header, pose: &PoseV1) {
         let Stamps { captured_at, pose_published_at: published_at, .. } = header.stamps;
         let is_newer = captured_at.is_set()
@@ -66,7 +66,7 @@ impl PoseRelay {
         Some(pose)
     }
 
-    /// Forgets the pose that waits: a port was opened.
+    /// Discards the waiting pose when a port was opened.
     pub fn reset(&mut self) {
         self.waiting = None;
     }

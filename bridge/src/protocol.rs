@@ -44,16 +44,16 @@ impl VehicleFrame {
 /// Motors as a vehicle reports them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportedMotors {
-    /// Disarmed.
+    /// The vehicle is disarmed.
     Off,
-    /// Armed, and not yet following set-points: to be stopped like running motors.
+    /// The vehicle is armed and does not follow set-points yet; its motors are stopped like running ones.
     SpoolingUp,
-    /// They follow set-points.
+    /// The motors follow set-points.
     Running,
 }
 
 impl ReportedMotors {
-    /// Of a vehicle that follows set-points as soon as its motors run.
+    /// State of the motors of a vehicle that follows set-points as soon as they run.
     pub fn of(run: bool) -> Self {
         if run { Self::Running } else { Self::Off }
     }
@@ -64,7 +64,7 @@ impl ReportedMotors {
     }
 }
 
-/// Content of a valid message of the vehicle; a message may have several.
+/// One piece of information in a valid message of the vehicle; a message can contain several.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VehicleReply {
     /// Answer to a request: to a set-point that is acknowledged, or to a periodic frame that is answered.
@@ -87,7 +87,7 @@ pub enum VehicleReply {
     Estimate(VehicleEstimate),
     /// Body rate by the vehicle's gyroscope \[rad/s, body\].
     BodyRate([f64; 3]),
-    /// Line of text for people.
+    /// Line of text for the operator.
     Text(VehicleText),
     /// Anything else.
     Other,
@@ -119,7 +119,7 @@ pub struct VehicleText {
     pub text: ShortText,
 }
 
-/// Pose for a vehicle that estimates its own motion: finite, of a body that cameras see, newer than the one before.
+/// Pose sent to a vehicle that estimates its own motion: finite, tracked by the cameras, and newer than the previous one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehiclePose {
     /// Capture time of the pose.
@@ -173,12 +173,13 @@ pub trait VehicleProtocol: Debug + Send {
     /// Frame lengths.
     fn sizes(&self) -> FrameSizes;
 
-    /// Encodes a set-point that is sent at `now`; empty if the vehicle is to be sent none. Starting and stopping the motors may take
-    /// the protocol several frames: it is called with the same set-point until the vehicle reports the motors running or stopped,
-    /// and sends what is next.
+    /// Encodes a set-point that is sent at `now`; empty if the vehicle is to be sent none. Starting and stopping the motors may take the
+    /// protocol several frames: it is called with the same set-point until the vehicle reports the motors running or stopped, and returns
+    /// the next frame of the sequence each time.
     fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame;
 
-    /// Whether the vehicle has yet to execute earlier set-points at `now`: none is sent, because it would wait there and grow old.
+    /// Whether the vehicle has not executed earlier set-points at `now`. If so, none is sent, because it would wait in the vehicle and
+    /// become old.
     fn is_busy(&self, _now: Time) -> bool {
         false
     }
@@ -212,7 +213,7 @@ pub trait VehicleProtocol: Debug + Send {
     /// is not known.
     fn time_out(&self) -> Option<Span>;
 
-    /// Whether all that a flight needs of the vehicle was read and set, as far as the vehicle answers.
+    /// Whether all parameters and settings that a flight needs were read and set, as far as the vehicle answers.
     fn is_set_up(&self) -> bool {
         true
     }
@@ -224,8 +225,8 @@ pub trait VehicleProtocol: Debug + Send {
     /// [`VehicleProtocol::final_stop`].
     fn end_flight(&mut self) {}
 
-    /// Encodes what ends the set-points of a bridge that ends while motors may run, behind zero set-points: the emergency stop, unless
-    /// the vehicle has something milder.
+    /// Encodes the final frame of a bridge that ends while motors may run, sent after zero set-points: the emergency stop, unless the
+    /// vehicle has a milder command.
     fn final_stop(&mut self) -> VehicleFrame {
         self.emergency_stop()
     }
@@ -240,7 +241,7 @@ pub trait VehicleProtocol: Debug + Send {
         None
     }
 
-    /// Continues the encoder of another process, which knows the vehicle.
+    /// Continues with the encoder state of another process, which is already connected to the vehicle.
     fn continue_encoder(&mut self, _state: &EncoderState) {}
 
     /// Number of damaged frames received since the start.

@@ -21,8 +21,8 @@ impl RoundTrips {
         }
     }
 
-    /// Time of a frame on its way: half of the shortest of the latest round trips, since a longer one waited somewhere; `None` before
-    /// the first. The vehicle's own time to answer is in it.
+    /// One-way time of a frame: half of the shortest of the latest round trips, since longer ones include waiting; `None` before the first.
+    /// It includes half of the vehicle's time to answer.
     pub(crate) fn one_way(&self) -> Option<Span> {
         self.latest.iter().flatten().min().map(|shortest| shortest.scaled(0.5))
     }

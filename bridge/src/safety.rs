@@ -96,7 +96,7 @@ impl CommandGate {
         }
     }
 
-    /// Forgets the state of the vehicle and inhibits flight: a port was opened or lost.
+    /// Discards the state of the vehicle and inhibits flight after a port was opened or lost.
     pub fn reset(&mut self, now: Time) {
         self.motors.inhibit(now);
         (self.status, self.control) = (None, ControlHolder::Nobody);
@@ -208,7 +208,8 @@ impl CommandGate {
         (setpoint, self.forward(now, &setpoint), event)
     }
 
-    /// Leaves the motors to another; returns the event to be logged: of its control, and of an operator's stop that it withholds.
+    /// Leaves the motors to another holder of control; returns the event to be logged: that control was taken, or that an operator's stop
+    /// is withheld.
     fn release(&mut self, now: Time) -> Option<MotorEvent> {
         self.motors.release(now);
         let is_stopped = self.stopped_since.is_some();

@@ -12,8 +12,8 @@ use oqtal_bus::time::{Span, Time};
 const OWN_CLOCK_PERIODS: f64 = 1.5;
 /// Widest spacing of periodic frames \[control periods\]: the state of a vehicle that is polled less often is not supervised.
 const WIDEST_SPACING: u32 = 12;
-/// Number of set-points by the bridge's own clock after which no command is expected \[-\]. Below it a late command may still
-/// arrive, so that no periodic frame is sent in its way.
+/// Number of set-points by the bridge's own clock after which no command is expected \[-\]. Below this number a late command may still
+/// arrive, so no periodic frame is sent that would delay it.
 const ALONE_AFTER: u32 = 3;
 /// Time that a radio and the vehicle's own loop need to turn a request into an answer.
 const TURNAROUND: Span = Span::from_millis(2);

@@ -9,9 +9,9 @@ pub enum VehicleSetpoint {
     Zero,
     /// Sticks and thrust of a command.
     Fly(CommandV1),
-    /// No thrust, and what starts the motors.
+    /// Zero thrust, with the inputs that start the motors.
     StartMotors,
-    /// No thrust, and what stops the motors.
+    /// Zero thrust, with the inputs that stop the motors.
     StopMotors,
     /// Nothing is sent: another has control.
     Released,

@@ -85,7 +85,7 @@ impl VehicleLink for TcpLink {
         Some(self.stream.as_fd())
     }
 
-    /// Gives the connection up: what the kernel holds cannot be taken back otherwise.
+    /// Ends the connection: bytes that the kernel holds cannot be withdrawn in another way.
     fn discard(&mut self) -> io::Result<()> {
         Err(ErrorKind::TimedOut.into())
     }

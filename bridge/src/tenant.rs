@@ -1,5 +1,4 @@
-//! The tenant of the port, as the loop of the bridge sees it: another process, which writes the flight set-points while the port is lent
-//! to it.
+//! The tenant of the port, for the loop of the bridge: another process, which writes the flight set-points while the port is lent to it.
 
 use std::os::fd::OwnedFd;
 
@@ -13,8 +12,8 @@ use crate::note::Note;
 
 /// Period at which a port that the tenant is writing to is checked.
 const RETRY: Span = Span::from_millis(1);
-/// Time for which a set-point that must replace flight commands waits for a tenant that is writing, and then for the end of the killed
-/// one. A frame takes microseconds, and no thread of a killed process executes another instruction of its own.
+/// Time for which a set-point that must replace flight commands waits for a tenant that is writing, and then again for the end of the
+/// killed tenant. A frame takes microseconds, and no thread of a killed process executes another instruction of its own.
 const LONGEST_FRAME: Span = Span::from_millis(2);
 
 /// Part of the bridge that the background thread opens, and closes when it is lost.
@@ -85,7 +84,8 @@ impl PortTenant {
         if self.is_awaited { event.max(now + RETRY) } else { event }
     }
 
-    /// Whether the process writes no more: none of its threads is left, or it was killed a while ago.
+    /// Whether the process cannot write any more: none of its threads is left, or the longest time of a frame has passed since it was
+    /// killed.
     fn has_ended(&self, now: Time) -> bool {
         let mut handle = [PollFd::new(&self.process, PollFlags::IN)];
         self.killed_at.is_some_and(|at| now.since(at) >= LONGEST_FRAME)

@@ -1,5 +1,5 @@
-//! Interface of transports, which pass frames between a protocol and a port: a bare stream of bytes, or packets. Pure: a transport wraps and
-//! unwraps bytes, and states how long they take; reading and writing is [`crate::link`]'s. A transport is independent of format and
+//! Interface of transports, which pass frames between a protocol and a port: a bare stream of bytes, or packets. Pure: a transport wraps
+//! and unwraps bytes, and states how long they take; [`crate::link`] reads and writes them. A transport is independent of format and
 //! set-point.
 
 use std::fmt::Debug;

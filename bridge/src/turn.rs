@@ -24,7 +24,7 @@ use crate::tenant::{PortPart, PortTenant};
 /// Size of the read buffer \[bytes\]: more than a longest datagram of a vehicle, or a period of a serial line at 921600 baud.
 const READ_BUFFER: usize = 2048;
 const _: () = assert!(READ_BUFFER >= MAX_FRAME);
-/// Most reads of one turn \[-\], however many bytes arrive.
+/// Maximum number of reads in one turn \[-\], however many bytes arrive.
 const MAX_READS: usize = 16;
 /// Number of zero set-points sent at the end.
 const FINAL_FRAMES: usize = 3;
@@ -35,15 +35,15 @@ const SHUTDOWN_TIMEOUT: Span = Span::from_millis(60);
 #[derive(Debug)]
 pub struct BridgePorts<T: Transport> {
     commands: T::Reader<CommandV1>,
-    /// `None` for a vehicle that takes no poses.
+    /// Reader of poses; `None` for a vehicle that receives none.
     poses: Option<T::Reader<PoseV1>>,
     vehicles: T::Writer<VehicleV1>,
     stop: VehicleStop,
 }
 
 impl<T: Transport> BridgePorts<T> {
-    /// Opens them, the vehicle topic first: its single writer is the lock against a second bridge, and a plant. Poses are read for
-    /// a vehicle that `takes_poses`.
+    /// Opens the ports, the vehicle topic first: its single writer is the lock against a second bridge, and a plant. Poses are read for a
+    /// vehicle that `takes_poses`.
     ///
     /// # Errors
     /// Another bridge or a plant holds the vehicle topic, or the transport failed.

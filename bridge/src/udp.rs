@@ -1,8 +1,8 @@
 //! UDP as a link: one frame is one datagram.
 //!
-//! `udpin` is bound to an address of this machine and learns its peer from arriving datagrams: while the vehicle answers, the
-//! kernel discards datagrams of other senders, so that they do not fill its queue. `udpout` sends to one address, and accepts
-//! datagrams only from there.
+//! `udpin` is bound to an address of this machine and takes its peer from arriving datagrams: while the vehicle answers, the kernel
+//! discards datagrams of other senders, so that they do not fill the queue. `udpout` sends to one address, and accepts datagrams only from
+//! there.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
@@ -35,7 +35,7 @@ pub enum UdpPortOptions {
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
-    /// `None` for a connected socket, whose peer is held by the operating system.
+    /// Peer from which datagrams arrived; `None` for a connected socket, whose peer the operating system stores.
     learned: Option<LearnedPeer>,
     /// Excludes other programs from the peer of a connected socket.
     _claim: Option<UnixDatagram>,

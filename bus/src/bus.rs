@@ -56,7 +56,7 @@ impl Bus {
     /// without members. If this process is the last to leave, the configuration of the daemon remains: it may have been killed.
     ///
     /// # Errors
-    /// As [`Bus::open`].
+    /// Like [`Bus::open`].
     pub fn open_running(paths: &InstancePaths) -> Result<Option<Self>, BusError> {
         match std::fs::symlink_metadata(&paths.root) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
@@ -108,7 +108,7 @@ impl Bus {
         &self.paths
     }
 
-    /// Name and id of the process that writes a topic, as in "`oqtal daemon` (123)"; `None` if no process does, or its writer is ending.
+    /// Name and id of the process that writes a topic, such as "`oqtal daemon` (123)"; `None` if no process does, or its writer is ending.
     ///
     /// # Errors
     /// The operating system refuses, or the topic was made by another version.
@@ -119,7 +119,7 @@ impl Bus {
     /// Names and ids of the processes that observe a topic: recorders, pages, monitors.
     ///
     /// # Errors
-    /// As [`Bus::holder`].
+    /// Like [`Bus::holder`].
     pub fn observers<M: Message>(&self, topic: &Topic<M>) -> Result<Vec<String>, BusError> {
         self.node.observers(&topic.spec())
     }

@@ -139,7 +139,7 @@ code! {
         Absent = 11 => "no law is connected",
         /// The external law closed its connection or raised an exception in this tick.
         Ended = 12 => "the law ended",
-        /// The vehicle needs an attitude, and all four numbers of it are zero.
+        /// The vehicle is commanded by attitude, and all four numbers of the quaternion are zero.
         NoAttitude = 13 => "no attitude",
         /// The command leads to a heading far from that of the reference, from which a fallback could not level the vehicle.
         Heading = 14 => "leads to a heading far from the reference",

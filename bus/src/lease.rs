@@ -1,9 +1,9 @@
 //! Lease of the port to a vehicle: words in shared memory by which the process that owns the port lets one other process, the
 //! tenant, write flight set-points to it. At most one of the two writes at any time.
 //!
-//! The owner offers the port for a window of time, and closes it before it writes itself. The tenant takes the port for one frame. A
-//! tenant that hangs with the port taken is ended by the owner, who then seizes the port. The window ends with the last command that
-//! the owner knows: if the owner hangs, the tenant loses the port when that command times out.
+//! The owner offers the port for a window of time, and closes it before it writes itself. The tenant takes the port for one frame. A tenant
+//! that hangs with the port taken is ended by the owner, who then seizes the port. The window ends with the last command that the owner has
+//! received: if the owner hangs, the tenant loses the port when that command times out.
 //!
 //! Both processes encode frames: each continues from the encoder state that the other left in the words.
 
@@ -133,9 +133,9 @@ impl PortLease {
         words::offer(self.state());
     }
 
-    /// The tenant's: takes the port for the command `sequence` and returns the state of the encoder; `None` if the port is not offered
-    /// at `now`, or if this command, or a later one, was written. `now` is read while the port is taken: a tenant that was suspended
-    /// before it took the port finds that the window has passed.
+    /// Called by the tenant: takes the port for the command `sequence` and returns the state of the encoder; `None` if the port is not
+    /// offered at `now`, or if this command, or a later one, was written. `now` is read while the port is taken: a tenant that was
+    /// suspended before it took the port finds that the window has passed.
     pub fn take(&self, now: impl FnOnce() -> Time, sequence: u64) -> Option<EncoderState> {
         if !words::take(self.state()) {
             return None;
@@ -149,8 +149,8 @@ impl PortLease {
         None
     }
 
-    /// The tenant's: records, before it is written, that the command `sequence` is, in a frame of `bytes`; the owner does not write it
-    /// again.
+    /// Called by the tenant before it writes the command `sequence` in a frame of `bytes`: records it as written, so that the owner does
+    /// not write it again.
     pub fn begin(&self, sequence: u64, bytes: usize, encoder: &EncoderState) {
         self.store(NEWEST, low(sequence));
         self.store(WRITTEN, self.load(WRITTEN).wrapping_add(bytes as u32));

@@ -4,7 +4,7 @@
 //! - the directory of the instance: locked exclusively for the short time in which a process joins, opens or closes ports, or
 //!   leaves. Incomplete files found by the holder were left by a dead process.
 //! - the directory of the run in shared memory: shared, as long as the process is a member ([`crate::private`]).
-//! - the file `members`: shared as well. It tells that an instance lives whose directory in shared memory was removed.
+//! - the file `members`: shared as well. It shows that an instance is alive whose directory in shared memory was removed.
 //!
 //! No file of a living instance is removed, whichever other file of it is missing. A member that leaves removes the files of the
 //! instance through the directory that it has open, not those of another one that has taken its name. The processes
@@ -228,8 +228,8 @@ impl Drop for Membership {
     }
 }
 
-/// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` lost their run: they end by
-/// themselves. The configuration of a daemon that was killed remains for the next one.
+/// Starts a run of the instance; the caller holds its lock. Processes that still hold the file `members` have lost their run, and end
+/// without a request. The configuration of a daemon that was killed remains for the next one.
 fn start_run(prefix: &str, directory: &Path, lock: &File) -> Result<InstanceRun, BusError> {
     remove(directory, &[&SESSION_FILES[..], &[MEMBERS]].concat());
     InstanceRun::start(prefix, directory, lock)

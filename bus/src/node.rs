@@ -42,9 +42,9 @@ type ControlService = request_response::PortFactory<ipc::Service, [u8], (), [u8]
 /// Place of a reader at a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReaderPlace {
-    /// One of the places for the loop, the recorder of a flight, and operators.
+    /// A place reserved for the loop, the recorder of a flight, and operators.
     Reserved,
-    /// One of the places for observers.
+    /// A place reserved for observers.
     Observer,
 }
 
@@ -77,7 +77,7 @@ pub(crate) trait OpenPorts: fmt::Debug {
 /// Node of a process in an instance.
 #[derive(Debug)]
 pub(crate) struct InstanceNode {
-    /// `None` only while it is being dropped.
+    /// The iceoryx2 node; `None` only while this value is being dropped.
     node: Option<Node<ipc::Service>>,
     paths: InstancePaths,
     membership: Rc<Membership>,

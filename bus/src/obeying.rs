@@ -62,7 +62,8 @@ pub struct ObeyingProcess {
     pub is_vehicle: bool,
     instance: String,
     root: String,
-    /// `None` for a process that cannot be signalled: processes of other users must not use up the open files of this one.
+    /// Process descriptor; `None` for a process that cannot be signalled, so that processes of other users do not use up this one's open
+    /// files.
     handle: Option<OwnedFd>,
 }
 
@@ -81,8 +82,8 @@ fn field<'a>(status: &'a str, name: &str) -> Option<&'a str> {
 }
 
 /// The command of `oqtal` that started the process `pid` and ends with it, such as `oqtal fly --duration 5`, as typed in a shell, with the
-/// settings of its environment, and after a change to its directory if it runs in another one than this process; `None` for a process of its
-/// own.
+/// settings of its environment, and after a change to its directory if it runs in another one than this process; `None` for a process that
+/// was not started in this way.
 pub fn starting_command(pid: u32) -> Option<String> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let parent = format!("/proc/{}", field(&status, "PPid:")?);
@@ -276,7 +277,7 @@ impl ObeyingProcess {
     }
 }
 
-/// Whether this process may send a signal to those of `user`.
+/// Whether this process is permitted to signal processes of the user id `user`.
 fn may_signal(user: u32) -> bool {
     geteuid().is_root() || geteuid().as_raw() == user
 }

@@ -136,7 +136,7 @@ impl InstancePaths {
         self.directory().join(CONFIG)
     }
 
-    /// Makes the root directory; returns a configuration of iceoryx2 for services of one's own in the directory of the instance. The
+    /// Creates the root directory; returns an iceoryx2 configuration for the caller's own services in the directory of the instance. The
     /// files of a [`crate::bus::Bus`] are elsewhere: in the directory of its run.
     ///
     /// # Errors

@@ -25,7 +25,7 @@ pub(crate) type IceClient = Client<ipc::Service, [u8], (), [u8], ()>;
 /// A port of iceoryx2 in an instance.
 #[derive(Debug)]
 pub(crate) struct Port<P> {
-    /// `None` only while it is being dropped.
+    /// The iceoryx2 port; `None` only while this value is being dropped.
     port: Option<P>,
     name: &'static str,
     membership: Rc<Membership>,

@@ -5,11 +5,11 @@
 //! is also the name of a directory that only its owner can access and that contains the shared words. A link in the directory of
 //! the instance points to this directory.
 //!
-//! Every member process holds a shared lock (`flock`) on the directory of its run. A run lives while its directory is locked,
-//! whatever happened to the files of the instance.
+//! Every member process holds a shared lock (`flock`) on the directory of its run. A run exists while its directory is locked, even if
+//! files of the instance were removed.
 //!
-//! A run belongs to one directory of an instance, by device and inode, not by name: a directory that was moved or copied, or made
-//! again under its name, leads nobody into the run of another one. The files of iceoryx2, which it finds by their paths, are in the
+//! A run belongs to one directory of an instance, by device and inode, not by name: a directory that was moved or copied, or created again
+//! under its name, does not lead a process into the run of another one. The files of iceoryx2, which it finds by their paths, are in the
 //! directory of the run, whose name is not used again.
 
 use std::fs::{DirBuilder, File};
@@ -81,8 +81,8 @@ impl InstanceRun {
         (is_alive && joined).then_some(Self { path, lock })
     }
 
-    /// Starts a run of the instance with this prefix and directory, and makes the link to it. To be called under `lock`, the lock of
-    /// the directory, while no run of this directory lives.
+    /// Starts a run of the instance with this prefix and directory, and creates the link to it. To be called under `lock`, the lock of the
+    /// directory, while no run of this directory lives.
     ///
     /// # Errors
     /// The operating system refuses.
@@ -106,7 +106,7 @@ impl InstanceRun {
         Ok(run)
     }
 
-    /// Makes the link to this run in the directory of its instance; the caller holds the lock.
+    /// Creates the link to this run in the directory of its instance; the caller holds the lock.
     ///
     /// # Errors
     /// The operating system refuses.
@@ -135,7 +135,7 @@ impl InstanceRun {
         is_same(&self.lock, &self.path)
     }
 
-    /// Whether no other process takes part. The run then ends: nobody else joins it any more.
+    /// Whether no other process takes part. The run then ends: no other process can join it any more.
     pub(crate) fn ends(&self) -> bool {
         flock(&self.lock, FlockOperation::NonBlockingLockExclusive).is_ok()
     }
@@ -146,8 +146,8 @@ impl InstanceRun {
     }
 }
 
-/// Records in the directory `run` of a run the loss of `path`, for its members that do not use that file. Without the directory, they
-/// notice a loss by themselves.
+/// Records in the directory `run` of a run the loss of `path`, for its members that do not use that file. Without the directory, each
+/// member detects the loss itself.
 pub(crate) fn record_loss(run: &Path, path: &Path) {
     let _ = symlink(path, run.join(LOSS));
 }

@@ -107,8 +107,8 @@ pub(crate) fn remove_dead(prefix: &str) {
     });
 }
 
-/// Whether a process of this user has mapped an object of the run `name`, whose members may be alive without its directory, or
-/// beside another one of its name.
+/// Whether a process of this user has mapped an object of the run `name`, whose members may be alive although its directory was removed, or
+/// replaced by another one of its name.
 fn is_mapped(name: &str) -> bool {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let maps = processes.filter_map(|process| fs::read_to_string(process.path().join("maps")).ok());
@@ -149,8 +149,8 @@ pub(crate) fn remove_half_made(prefix: &str, run: &Path) {
     }
 }
 
-/// Removes objects of size zero, left by a process that was killed before it set their size: the clean-up of iceoryx2 0.10 waits for
-/// them for ever. A living process sets the size within microseconds, without the lock; an object is removed only if it stays empty for
+/// Removes objects of size zero, left by a process that was killed before it set their size: the clean-up of iceoryx2 0.10 would wait for
+/// them indefinitely. A living process sets the size within microseconds, without the lock; an object is removed only if it stays empty for
 /// [`EMPTY_TIMEOUT`].
 pub(crate) fn remove_empty(prefix: &str) {
     let empty = || -> Vec<(PathBuf, u64)> {

@@ -25,10 +25,10 @@ pub(crate) use shortened::take_shortened;
 pub struct SharedWords {
     memory: NonNull<AtomicU32>,
     count: usize,
-    /// `None` only while the words are being dropped.
+    /// Guard of the mapping; `None` only while the words are being dropped.
     guard: Option<MappingGuard>,
-    /// Stays open, so that an operator finds the words through this process after the file was removed, and so that the file can be
-    /// given its size again.
+    /// The file stays open, so that an operator finds the words through this process after the file was removed, and so that the size of
+    /// the file can be restored.
     file: File,
 }
 
@@ -43,10 +43,10 @@ impl SharedWords {
         Self::of_file(open_private(path, true)?, count)
     }
 
-    /// As [`SharedWords::open`], for a file that exists.
+    /// Like [`SharedWords::open`], for a file that exists.
     ///
     /// # Errors
-    /// As [`SharedWords::open`]; [`io::ErrorKind::NotFound`] if there is no such file.
+    /// Like [`SharedWords::open`]; [`io::ErrorKind::NotFound`] if there is no such file.
     pub fn open_existing(path: &Path, count: usize) -> io::Result<Self> {
         Self::of_file(open_private(path, false)?, count)
     }
@@ -65,7 +65,7 @@ impl SharedWords {
     /// The words in an open file, which gets their size if it is empty.
     ///
     /// # Errors
-    /// As [`SharedWords::open`].
+    /// Like [`SharedWords::open`].
     pub(crate) fn of_file(file: File, count: usize) -> io::Result<Self> {
         match file.metadata()?.len() {
             0 => fallocate(&file, FallocateFlags::empty(), 0, size(count))?,
@@ -129,7 +129,8 @@ fn size(count: usize) -> u64 {
     (count * size_of::<AtomicU32>()) as u64
 }
 
-/// Gives the file of `count` words at `path` its size; returns whether it had another one. An empty file is just being made.
+/// Restores the size of the file of `count` words at `path`; returns whether the size was different. An empty file is left alone: it is
+/// just being created.
 ///
 /// # Errors
 /// The file cannot be opened, or the system refuses.

@@ -1,13 +1,12 @@
 //! The operator's stop: words in shared memory that the process of the vehicle and the daemon read in every turn.
 //!
-//! An operator raises a stop by incrementing a number. The process of the vehicle (simulator or bridge) keeps the motors off
-//! while the newest stop is in force, whatever the daemon commands. It lifts the stop once the daemon has commanded "disarmed"
-//! afterwards and the motors are known to be off: the daemon then knows that the flight is over, and a new flight needs an
-//! operator. The process of the vehicle and the daemon each confirm the number that they obey. Reading requires no lock and no
-//! other process; a stop outlives the processes that raised or obeyed it.
+//! An operator raises a stop by incrementing a number. The process of the vehicle (simulator or bridge) keeps the motors off while the
+//! newest stop is in force, whatever the daemon commands. It lifts the stop once the daemon has commanded "disarmed" afterwards and the
+//! motors are known to be off: the daemon has then detected the end of the flight, and a new flight needs an operator. The process of the
+//! vehicle and the daemon each confirm the number that they obey. Reading requires no lock and no other process; a stop outlives the
+//! processes that raised or obeyed it.
 //!
-//! A signal is a second path to both processes, which no removal of a file can cut: a process that receives it raises the stop
-//! itself.
+//! A signal is a second path to both processes, which does not depend on any file: a process that receives it raises the stop itself.
 
 use std::fs::File;
 use std::ops::Deref;
@@ -79,7 +78,7 @@ impl StopSwitch {
         Self { words: StopWords::Local(words), signals: SignalFlags::default() }
     }
 
-    /// The stop in the file at `path`, made if it does not exist; the caller holds the lock of the instance.
+    /// The stop in the file at `path`, which is created if it does not exist; the caller holds the lock of the instance.
     pub(crate) fn open(path: PathBuf) -> Result<Self, BusError> {
         let words = SharedWords::open(&path, WORDS)
             .map_err(|error| BusError::of_shared_file(FILE, path, &error))?;
@@ -172,7 +171,7 @@ struct StopInForce {
 pub enum StoppedMotors {
     /// No report has arrived since the stop.
     Unknown,
-    /// They run by the last report, or a sequence that was sent may still start them.
+    /// The motors run according to the last report, or a sequence that was sent may still start them.
     Running,
     /// The vehicle has reported that they are off.
     Off,

@@ -125,7 +125,7 @@ impl Span {
         Self((self.0 as f64 * factor).round() as i64)
     }
 
-    /// As a standard duration; zero if negative.
+    /// Converts the span to a standard duration; a negative span to zero.
     pub fn to_duration(self) -> std::time::Duration {
         std::time::Duration::from_nanos(self.0.max(0).unsigned_abs())
     }

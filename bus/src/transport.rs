@@ -26,7 +26,7 @@ pub trait Publish<M: Message> {
 
 /// Path of commands to the vehicle besides the bus, without another process between.
 pub trait DirectPath: std::fmt::Debug {
-    /// Transmits the command that was published as `sequence`, if it can; otherwise the command takes its way over the bus alone.
+    /// Transmits the command that was published as `sequence`, if it can; otherwise the command is sent over the bus alone.
     fn transmit(&mut self, sequence: u64, command: &CommandV1);
 }
 
@@ -49,7 +49,7 @@ pub trait Subscribe<M: Message> {
     /// Passes every waiting sample to `use_sample`, oldest first, with the number of samples lost so far \[-\].
     ///
     /// # Errors
-    /// As [`Subscribe::receive`].
+    /// Like [`Subscribe::receive`].
     fn drain(&mut self, mut use_sample: impl FnMut(u64, &Header, &M)) -> Result<(), BusError> {
         while let Some((header, body)) = self.receive()? {
             use_sample(self.lost(), &header, &body);
@@ -60,7 +60,7 @@ pub trait Subscribe<M: Message> {
     /// Returns the newest sample and discards older ones; `None` if none arrived since the last call.
     ///
     /// # Errors
-    /// As [`Subscribe::receive`].
+    /// Like [`Subscribe::receive`].
     fn latest(&mut self) -> Result<Option<(Header, M)>, BusError> {
         let mut newest = None;
         while let Some(sample) = self.receive()? {

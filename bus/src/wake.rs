@@ -100,7 +100,7 @@ impl Listener {
     /// Opens the listener of `topic`. Earlier notifications do not count.
     ///
     /// # Errors
-    /// As [`Notifier::open`].
+    /// Like [`Notifier::open`].
     pub(crate) fn open(membership: &Rc<Membership>, topic: &'static str) -> Result<Self, BusError> {
         let count = open(membership, topic)?;
         let seen = Cell::new(count[0].load(Ordering::Acquire));

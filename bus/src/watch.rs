@@ -1,9 +1,9 @@
-//! Watch over the files of a living instance: notices files that were removed, and restores those that can be restored.
+//! Watches the files of a living instance: detects files that were removed, and restores those that can be restored.
 //!
-//! The file `members` and the link to the private directory are made again in the directory of the instance, as long as it has its
-//! name; another directory of this name belongs to another run. Words, and files of iceoryx2, cannot be given back to
-//! the processes that have mapped them: the processes of the instance keep them, but no process can join. The members, also those that
-//! do not use the lost file, then end the flight and leave, and the next process starts a new run of the instance.
+//! The file `members` and the link to the private directory are created again in the directory of the instance, as long as that directory
+//! has its name; another directory of this name belongs to another run. Shared words and files of iceoryx2 cannot be restored for the
+//! processes that have mapped them: these processes keep them, but no process can join. The members, also those that do not use the lost
+//! file, then end the flight and leave, and the next process starts a new run of the instance.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -22,7 +22,7 @@ const REPAIR_TIMEOUT: Span = Span::from_millis(100);
 pub struct LostFile {
     /// Path of the file.
     pub path: PathBuf,
-    /// Whether it was made again, or has its size again. Otherwise no process can join this run of the instance.
+    /// Whether the file, or its size, was restored. Otherwise no process can join this run of the instance.
     pub is_restored: bool,
 }
 
@@ -76,7 +76,7 @@ impl InstanceWatch {
         lost
     }
 
-    /// Makes members and link again if they are missing.
+    /// Creates `members` and the link again if they are missing.
     fn restore(&self) -> Vec<LostFile> {
         let link = self.directory.join(crate::private::LINK);
         let (members, linked) =
@@ -106,7 +106,7 @@ impl InstanceWatch {
         lost
     }
 
-    /// Gives shared words their size again: no process opens words of another size.
+    /// Restores the size of shared words, since no process opens words of another size.
     fn restore_sizes(&self) -> Vec<LostFile> {
         let entries = fs::read_dir(&self.run.path).into_iter().flatten().flatten();
         let restore = |path: PathBuf| {

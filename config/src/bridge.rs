@@ -8,7 +8,8 @@ use crate::crtp::CrtpOptions;
 use crate::mavlink::MavlinkOptions;
 use crate::msp::MspOptions;
 
-/// Allowed command timeouts \[control periods\]: below, commands arrive too late; above, the vehicle continues for too long.
+/// Allowed command timeouts \[control periods\]: below the minimum, commands would arrive too late; above the maximum, the vehicle would
+/// continue for too long.
 const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
 
 /// `[bridge]`.

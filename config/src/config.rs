@@ -155,7 +155,7 @@ impl Config {
     /// of a recording.
     ///
     /// # Errors
-    /// As [`Config::load`].
+    /// Like [`Config::load`].
     pub fn parse(file: &str, text: &str, flags: &[Setting]) -> Result<Self, ConfigError> {
         let mut settings = layer::from_toml(file, text)?;
         settings.extend_from_slice(flags);
@@ -165,7 +165,7 @@ impl Config {
     /// The built-in values overridden by `settings`; later settings take precedence.
     ///
     /// # Errors
-    /// As [`Config::load`], without files.
+    /// Like [`Config::load`], without files.
     pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
         // An error of its own: otherwise it would name the first setting if the shipped file lacks a section.
         let (mut table, mut config) = SHIPPED_CONFIG
@@ -283,7 +283,7 @@ impl Config {
         toml::to_string(self).expect("a configuration holds only what TOML can say")
     }
 
-    /// Hash of the effective configuration, without the settings that say where and how it is flown and recorded: instance, kind of
+    /// Hash of the effective configuration, without the settings that determine where and how it is flown and recorded: instance, kind of
     /// clock, log, recordings, ends of wires, and directories of input files.
     pub fn hash(&self) -> u64 {
         let mut hasher = fnv::FnvHasher::default();

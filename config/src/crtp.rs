@@ -18,13 +18,14 @@ pub struct CrtpOptions {
     pub thrust_curve_n: [f64; 2],
     /// Rate at which poses go to the vehicle's own estimator \[Hz\]; 0 for none.
     pub pose_rate_hz: f64,
-    /// Rate at which the vehicle reports its estimate, and, if it is above 50 Hz, battery, supervisor and gyroscope \[Hz\].
+    /// Rate at which the vehicle reports its estimate \[Hz\]; battery, supervisor and gyroscope are reported at this rate too, but at least
+    /// at 50 Hz.
     pub log_rate_hz: f64,
     /// Whether the vehicle stops its motors and locks itself a second after the last packet of the bridge.
     pub keep_alive: bool,
-    /// Packets other than set-points that a Crazyradio sends to the vehicle at most \[1/s\].
+    /// Maximum rate of packets other than set-points from a Crazyradio to the vehicle \[1/s\].
     pub radio_packets_per_s: f64,
-    /// File of known tables of contents, `auto` for one in the user's cache directory; empty for none.
+    /// Cache file of tables of contents; `auto` for a file in the user's cache directory, empty for none.
     pub table_cache: String,
 }
 
@@ -45,7 +46,7 @@ impl CrtpOptions {
 pub struct CrtpVehicleOptions {
     /// Collective thrust over the duty cycle u, counts / 65535: the coefficients of u and of its square \[N\].
     pub thrust_curve_n: [f64; 2],
-    /// Version of the protocol that the vehicle speaks \[-\].
+    /// Version of the vehicle's protocol \[-\].
     pub protocol: f64,
     /// Whether the vehicle arms automatically.
     pub arms_itself: bool,

@@ -15,10 +15,10 @@ pub enum DisturbanceKind {
     Force([f64; 3]),
     /// A constant torque \[N m, body\].
     Torque([f64; 3]),
-    /// A wind that swells and dies down as 1 - cos over the duration: its greatest velocity \[m/s, world\]. It acts through the
-    /// drag of the vehicle.
+    /// A wind that rises and falls as 1 - cos over the duration: its greatest velocity \[m/s, world\]. It acts through the drag of the
+    /// vehicle.
     Gust([f64; 3]),
-    /// A payload at the centre of mass, which does not change the inertia; negative for one that is dropped \[kg\].
+    /// Mass of a payload at the centre of mass, which leaves the inertia unchanged; negative for a payload that is dropped \[kg\].
     Mass(f64),
 }
 

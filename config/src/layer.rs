@@ -89,7 +89,7 @@ pub(crate) fn salvage(path: &Path, section: &str) -> (Vec<Setting>, Vec<ConfigEr
 
 /// Collects the settings of a file.
 struct Collector<'a> {
-    /// From the offset of a byte to `FILE:LINE`.
+    /// Maps the offset of a byte to `FILE:LINE`.
     at: &'a dyn Fn(usize) -> String,
     settings: Vec<Setting>,
 }

@@ -1,4 +1,5 @@
-//! Settings that change while the daemon runs: which may, the configuration with them, and differences between configurations.
+//! Settings that change while the daemon runs: the permitted ones, the configuration with changes applied, and differences between
+//! configurations.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -98,7 +99,7 @@ impl Config {
     /// environment, and the instance.
     ///
     /// # Errors
-    /// As [`Config::load`].
+    /// Like [`Config::load`].
     pub fn reread(&self, files: &[PathBuf]) -> Result<Self, ConfigError> {
         let mut settings = Vec::new();
         for file in files {

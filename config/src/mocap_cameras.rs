@@ -34,7 +34,7 @@ pub struct MarkerOptions {
     pub positions_m: Vec<[f64; 3]>,
     /// Semi-axes of the ellipsoid about the body's origin that hides markers behind it \[m, body\]; 0 hides none.
     pub hull_m: [f64; 3],
-    /// Numbers, from 1, of markers that no camera sees.
+    /// Numbers, from 1, of markers that are hidden from every camera.
     pub hidden: Vec<usize>,
     /// Probability that a marker becomes hidden in a frame \[0..1\].
     pub vanish_probability: f64,

@@ -3,8 +3,7 @@
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-/// Highest priority of the daemon under SCHED_FIFO: the bridge is one above it; watchdogs and the kernel's own threads stay above
-/// both.
+/// Highest priority of the daemon under SCHED_FIFO: the bridge has one more; watchdogs and the kernel's own threads are above both.
 const MAX_PRIORITY: u8 = 79;
 /// Lowest priority of the daemon: cameras and simulator are one and two below it.
 const MIN_PRIORITY: u8 = 3;
@@ -43,7 +42,7 @@ pub struct RealtimeOptions {
     pub lock_memory: bool,
     /// Timer slack: greatest delay of a wake-up that the kernel may add to a loop that is not under SCHED_FIFO \[us\].
     pub timer_slack_us: f64,
-    /// Time before each expected pose at which the daemon warms its caches by a tick on a copy of its state \[us\]; 0 disables
+    /// Time before each expected pose at which the daemon warms its caches by executing a tick on a copy of its state \[us\]; 0 disables
     /// the warm-up.
     pub warmup_us: f64,
     /// Time after each expected arrival until which a loop waits awake, from the instant of the warm-up on, if there are enough

@@ -70,7 +70,7 @@ impl Setting {
         Ok(())
     }
 
-    /// Whether the setting says which instance a process belongs to.
+    /// Whether the setting determines which instance a process belongs to.
     pub fn is_of_instance(&self) -> bool {
         self.key.starts_with("instance.")
     }

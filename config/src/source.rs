@@ -37,8 +37,8 @@ pub fn waypoints_comment(path: &Path) -> String {
     name.zip(text_hash(path)).map_or_else(String::new, line)
 }
 
-/// The waypoint file that was edited or removed after the daemon with the configuration in `text` had read it; `None` if none was, or if this
-/// user may not read it.
+/// The waypoint file, if it was edited or removed after the daemon with the configuration in `text` had read it; `None` otherwise, or if
+/// this user has no permission to read it.
 pub fn edited_waypoints(text: &str) -> Option<PathBuf> {
     let (hash, path) = named(WAYPOINTS_MARK, text).next()?;
     Some(PathBuf::from(path)).filter(|path| is_edited(path, hash, text_hash))

@@ -29,7 +29,7 @@ const LONGEST_WAYPOINTS_MIB: u64 = 16;
 /// Reads a waypoint file.
 ///
 /// # Errors
-/// As [`read_text`].
+/// Like [`read_text`].
 pub fn read_waypoints(path: &Path) -> io::Result<String> {
     read_text(path, LONGEST_WAYPOINTS_MIB)
 }

@@ -90,8 +90,7 @@ impl Attitude {
         Self(turned)
     }
 
-    /// The rotation vector that takes `self` to `other`, the short way round \[rad, body axes of `self`\]:
-    /// `other = self.turned_by(v)`.
+    /// The shortest rotation vector from `self` to `other` \[rad, body axes of `self`\]: `other = self.turned_by(v)`.
     pub fn rotation_to(&self, other: &Self) -> Vector3<f64> {
         (self.0.inverse() * other.0).scaled_axis()
     }

@@ -16,8 +16,8 @@ pub enum Cells {
     /// `[n delta, (n + 1) delta)`, represented by `n delta`: the rule printed in the paper. Zero is on a border, so
     /// noise alone changes the cell.
     Floor,
-    /// As [`Cells::Floor`] but mirrored for negative values, so zero is in the middle of a cell of
-    /// double width. This rule gives the number of solutions that the paper reports.
+    /// Like [`Cells::Floor`], but mirrored for negative values, so that zero is in the middle of a cell of double width. This rule gives
+    /// the number of solutions that the paper reports.
     #[default]
     Truncated,
     /// The cell reaches `delta` to either side of the vector at which the last gain was computed, and that vector

@@ -17,7 +17,7 @@ use crate::limits::FlightLimits;
 
 /// Poses by which the vehicle is at rest or not \[-\].
 const REST_POSES: usize = 30;
-/// Least time between two of them, so that those of fast cameras span as long as those of slow ones.
+/// Least time between two recent poses, so that those of fast cameras span as much time as those of slow ones.
 const REST_SPACING: Span = Span::from_millis(13);
 /// Share of them that must be where the last one is \[-\]: the others may be outliers.
 const REST_SHARE: f64 = 0.6;
@@ -39,12 +39,12 @@ pub struct ArmingView<'a> {
     pub configs_differ: bool,
 }
 
-/// Where a flight of a trajectory leads, relative to its start.
+/// Path of a flight along a trajectory, relative to its start.
 #[derive(Clone, Debug)]
 pub(crate) struct ArmingPath {
     /// Points of the trajectory \[m\].
     points: Arc<[Vector3<f64>]>,
-    /// Where the vehicle stops if it brakes at each of them \[m\].
+    /// Points at which the vehicle comes to rest if it brakes at each of `points` \[m\].
     stops: Arc<[Vector3<f64>]>,
 }
 
@@ -56,7 +56,7 @@ impl ArmingPath {
     }
 }
 
-/// Whether a real vehicle, which no flight commands, reports that its motors run: those of a bridge that was killed in flight.
+/// Whether a real vehicle reports running motors although no flight commands it, for example after its bridge was killed in flight.
 fn runs_uncommanded(vehicle: &VehicleV1) -> bool {
     let is_held = vehicle.control == ControlHolder::Another.code();
     vehicle.simulated == 0 && vehicle.armed != 0 && !vehicle.is_being_stopped() && !is_held
@@ -113,8 +113,8 @@ impl ArmingCheck {
         self.next = (self.next + 1) % REST_POSES;
     }
 
-    /// Discards the recent poses, of which a full set is needed from then on: a vehicle stopped in a hover falls, although its last poses
-    /// are at rest.
+    /// Discards the recent poses; a full new set is needed afterwards. A vehicle stopped in a hover falls, although its last poses are at
+    /// rest.
     pub fn forget_rest(&mut self) {
         (self.recent, self.least_poses) = ([None; REST_POSES], REST_POSES);
     }

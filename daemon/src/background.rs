@@ -48,8 +48,8 @@ impl Peer {
         Ok(Self { reader: bus.reader(&role.health())?, last: None })
     }
 
-    /// Whether the process lives and runs with another configuration than that with `hash`. A message that cannot be read counts
-    /// as none.
+    /// Whether the process is alive and has another configuration than the one with `hash`. A message that cannot be read counts as
+    /// missing.
     fn has_other_config(&mut self, hash: u64) -> bool {
         if let Ok(Some((_, health))) = self.reader.latest() {
             self.last = Some(health);
@@ -61,7 +61,7 @@ impl Peer {
     }
 }
 
-/// The file with the configuration of the daemon, for observers, which need not be given its flags.
+/// The file with the configuration of the daemon; observers read it, so that they do not need the daemon's flags.
 struct ConfigFile {
     file: KeptFile,
     /// Comment lines of the files that were read again in flight, and of the waypoint file.
@@ -70,8 +70,8 @@ struct ConfigFile {
 }
 
 impl ConfigFile {
-    /// Writes the file, with comments that name those from which the configuration was read; a copy names those of its original. `is_chain`:
-    /// the daemon is part of `oqtal chain run`.
+    /// Writes the file. Its comments name the files from which the configuration was read; a copy names the files of its original.
+    /// `is_chain`: the daemon is part of `oqtal chain run`.
     fn begin(path: PathBuf, context: &ProcessContext, comments: String, is_chain: bool) -> Self {
         let sources = if context.is_child {
             starting_command(std::process::id()).as_deref().map_or_else(String::new, flight_comment)
@@ -101,7 +101,7 @@ impl ConfigFile {
         }
     }
 
-    /// Notes which files were read again, by their `comments`; after a loss nothing is written, as in [`ConfigFile::keep`].
+    /// Records which files were read again, by their `comments`; after a loss nothing is written, as in [`ConfigFile::keep`].
     fn note_files(&mut self, comments: String, bus: &Bus) {
         if self.comments != comments && !bus.is_lost() {
             self.comments = comments;
@@ -251,7 +251,7 @@ impl BackgroundWorker for DaemonWorker {
     }
 }
 
-/// Log of requests. A refusal that its author receives again for the same reason is logged once.
+/// Log of requests. A refusal that an author receives repeatedly for the same reason is logged once.
 #[derive(Debug, Default)]
 struct RequestLog {
     /// The last authors, each with its last request as it was logged.
@@ -273,7 +273,7 @@ impl RequestLog {
         }
     }
 
-    /// Notes the last request of `author`; returns whether `text` differs from the one before.
+    /// Records the last request of `author`; returns whether `text` differs from the one before.
     fn note(&mut self, author: String, text: &str) -> bool {
         let place = self.logged.iter().position(|(known, _)| *known == author);
         let before = place.and_then(|place| self.logged.remove(place));

@@ -1,10 +1,10 @@
-//! Clearance of the floor: a vehicle that is below its reference must not touch the floor when the reference is low.
+//! Clearance from the floor: raises a low reference so that a vehicle below it does not touch the floor.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_control::trajectory::{Phase, Reference};
 
-/// Time constant of the mean distance below the reference \[s\]: longer than the height takes to follow a step of the reference.
+/// Time constant of the mean distance below the reference \[s\]; longer than the vehicle takes to follow a step of the height.
 const MEAN_S: f64 = 1.0;
 /// Greatest height by which a reference is raised \[m\].
 const MOST_RAISED_M: f64 = 0.5;
@@ -19,8 +19,8 @@ pub(crate) struct FloorClearance {
 }
 
 impl FloorClearance {
-    /// `reference` at `now`, raised so that a vehicle at `height_m`, as far below it as it has been, stays above `least_m` \[m, world\].
-    /// The references of take-off and landing are not changed.
+    /// Returns `reference` at `now`, raised so that a vehicle at `height_m` stays above `least_m` \[m, world\] if it remains as far below
+    /// the reference as it has been. The references of take-off and landing are not changed.
     pub(crate) fn raise(
         &mut self,
         now: Time,

@@ -80,7 +80,7 @@ impl VehicleCommand {
         }
     }
 
-    /// The last check before a command is sent: [`Self::Disarmed`] in place of a command with a number that is not finite.
+    /// Last check before a command is sent: returns [`Self::Disarmed`] instead of a command with a number that is not finite.
     pub fn finite_or_disarmed(self) -> Self {
         let Self::Armed { rotation, thrust_n, attitude } = &self else { return self };
         let rotation = rotation.vector();

@@ -1,9 +1,9 @@
-//! Consistency of the poses with the vehicle: poses that do not follow the vehicle's rotation, or whose path does not follow its tilt
-//! and thrust, are not poses of the vehicle, however plausible each of them is.
+//! Consistency of the poses with the vehicle: poses that do not follow the vehicle's rotation, or whose path does not follow its tilt and
+//! thrust, are wrong, however plausible each single pose is.
 //!
-//! The gate compares a pose with the motion predicted from the poses before it, and follows whatever changes slowly. Here the
-//! rotation seen by the cameras is compared with that of the vehicle's own gyroscope where it is reported, else with that of the commands
-//! sent, neither of which contains a pose:
+//! The gate compares a pose with the motion predicted from earlier poses, and therefore follows slow errors. Here the rotation seen by the
+//! cameras is compared with that of the vehicle's own gyroscope where it is reported, else with that of the commands sent, neither of which
+//! contains a pose:
 //!
 //! | test | compares | finds |
 //! |---|---|---|
@@ -19,8 +19,8 @@
 //! many of them (Huber, *Robust Statistics*, 1981), and normalised by the measured noise. Without rotation there is no evidence for
 //! either.
 //!
-//! Only response, heading and standstill end a flight; the other evidence warns, since wind and a wrong model of the vehicle add to
-//! it. For the same reason the response of a vehicle without rates has a higher limit.
+//! Only response, heading and standstill end a flight; the other evidence causes a warning, since wind and a wrong model of the vehicle add
+//! to it. For the same reason the response of a vehicle without rates has a higher limit.
 
 mod commanded;
 mod direction;
@@ -60,7 +60,7 @@ const DEFAULT_LIMIT: f64 = 12.0;
 const UNCONFIRMED_S: f64 = 0.22;
 /// Time for which a rotation that was not seen counts \[s\].
 const UNSEEN_S: f64 = 1.0;
-/// Deviation between rotations that agree, over the told noise, until it is measured \[-\].
+/// Deviation between rotations that agree, as a multiple of the configured noise, until it is measured \[-\].
 const TOLD_SHARE: f64 = 1.5;
 
 /// Evidence against the poses over its limit \[-\]: from 1 on it is reported.
@@ -95,8 +95,8 @@ pub struct Expectation {
     pub obeys: bool,
     /// Whether it is more than 10 cm from its reference, or takes off.
     pub is_away: bool,
-    /// Whether the heading of the reference changes, from which its oscillation cannot be separated, or an attitude is prescribed, so that
-    /// it does not oscillate.
+    /// Whether the heading cannot oscillate: the heading of the reference changes, which could not be separated from the oscillation, or an
+    /// attitude is prescribed.
     pub turns: bool,
 }
 
@@ -181,8 +181,8 @@ impl PoseConsistency {
         self.stays_on_floor
     }
 
-    /// Whether a test finds that the poses do not agree with the vehicle. Drift and direction find it in one of a hundred flights with
-    /// right poses, too: they warn.
+    /// Whether a test finds that the poses disagree with the vehicle. Drift and direction also find this in one of a hundred flights with
+    /// correct poses; therefore they only warn.
     pub fn disagrees(&self) -> bool {
         self.evidence.greatest() >= 1.0
     }

@@ -91,9 +91,9 @@ impl LoopTiming {
         self.last_tick + self.spacing
     }
 
-    /// The first instant of a tick on a new pose, for a vehicle whose command takes `wire` on its wire. Only commands must not be
-    /// closer than the wire allows: a pose after a stall is flown on as soon as it arrives. Poses that are decimated keep the
-    /// regular spacing after a tick on a pose.
+    /// The earliest instant of a tick on a new pose, for a vehicle whose command takes the time `wire` on its wire. The wire only limits
+    /// the spacing of commands: a pose after a stall is used as soon as it arrives. If poses are decimated, ticks on poses keep their
+    /// regular spacing.
     fn earliest_on_pose(&self, wire: Span) -> Time {
         if self.decimates && !self.was_blind {
             return self.earliest();
@@ -169,7 +169,7 @@ impl Cycle {
         self.step_with(now, arrival, &mut LawPort::default())
     }
 
-    /// As [`Cycle::step`], with `law` where `control.controller` is external.
+    /// Like [`Cycle::step`], with `law` where `control.controller` is external.
     pub fn step_with(
         &mut self,
         now: Time,
@@ -318,7 +318,7 @@ impl Cycle {
         self.supervision.request(now, command, &mut self.intake)
     }
 
-    /// Makes `change` and returns the reply. Settings always take effect; what they replace is in `change` afterwards.
+    /// Executes `change` and returns the reply. Settings always take effect; the replaced ones are in `change` afterwards.
     pub fn change(&mut self, now: Time, change: &mut FlightChange) -> ControlResponseV1 {
         if let FlightChange::Settings(live) = change {
             self.control.exchange_stack(&mut live.stack, live.keeps_law);

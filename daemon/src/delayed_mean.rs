@@ -1,10 +1,10 @@
-//! Slow mean of a quantity that does not contain its latest values, so that a fault is not learned before it is found.
+//! Slow mean of a quantity without its latest values, so that a fault is detected before it enters the mean.
 
 /// Duration of a block of values \[s\].
 const BLOCK_S: f64 = 0.5;
-/// Number of the latest complete blocks that the mean does not contain \[-\]: more than the time in which a fault is found.
+/// Number of latest complete blocks that are not yet part of the mean \[-\]; together they are longer than the detection of a fault takes.
 const WAITING: usize = 3;
-/// Greatest growth of the mean by a block \[-\]: a block with outliers counts like one of greater values.
+/// Greatest value of a block, as a multiple of the mean \[-\]; a greater one, for example of a block with outliers, is clamped.
 const GREATEST_GROWTH: f64 = 9.0;
 
 /// Slow mean of values that are not negative.

@@ -36,8 +36,8 @@ impl BlindDescent {
         self.longest.is_some_and(|longest| age <= longest)
     }
 
-    /// The thrust of the descent \[N\] of a vehicle of the mass that the tracker has adapted to, by the model of its thrust, under the
-    /// estimated external acceleration upward `lift` \[m/s^2\]: wind, or a thrust or mass that is not in the mass yet.
+    /// Thrust of the descent \[N\] by the model of the vehicle's thrust and the mass adapted by the tracker. `lift` is the estimated upward
+    /// external acceleration \[m/s^2\]: wind, or an error of thrust or mass to which the tracker has not adapted yet.
     pub fn thrust_n(&self, mass_kg: f64, lift: f64) -> f64 {
         let greatest = LARGEST_CORRECTION * self.gravity_m_s2;
         let known = if lift.is_finite() { lift.clamp(-greatest, greatest) } else { 0.0 };

@@ -178,7 +178,7 @@ impl Envelope {
         [self.fence.inside_m(&rest), rest.z]
     }
 
-    /// Where the vehicle comes to rest from `motion` \[m, world\].
+    /// Point at which the vehicle comes to rest from `motion` \[m, world\].
     fn rest(&self, motion: &Motion) -> Vector3<f64> {
         let [sideways, climb, descent] = self.braking;
         let (velocity, horizontal) = (motion.velocity, motion.velocity.xy().norm());

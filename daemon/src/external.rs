@@ -1,4 +1,4 @@
-//! A law outside the daemon: the question that it is asked in every tick of a flight, and the check of its answer.
+//! External law: the question that the daemon sends in every tick of a flight, and the check of the answer.
 
 use std::fmt;
 
@@ -16,7 +16,7 @@ use oqtal_control::trajectory::Reference;
 use crate::command::{RotationCommand, VehicleCommand};
 use crate::stack::ControlOutput;
 
-/// Part by which an answer may exceed the vehicle's range, and a quaternion the norm of 1, as rounding does \[-\].
+/// Tolerance for rounding: part by which an answer may exceed the vehicle's range, and the norm of a quaternion 1 \[-\].
 const TOLERANCE: f64 = 1e-6;
 /// Fraction of its limit above which a rotation command counts as saturated \[-\].
 const SATURATED: f64 = 1.0 - 1e-9;
@@ -285,7 +285,7 @@ impl ExternalControl {
         Ok(ControlOutput { command, saturated, terms, ..*fallback })
     }
 
-    /// Refuses an answer to an earlier question, or after the deadline, as late; one to a question that was not asked, as that.
+    /// Refuses an answer to an earlier question, or after the deadline, as late, and an answer to a question that was not asked as such.
     fn require_in_time(&self, answer: &ExternalV1) -> Result<(), HandoverCause> {
         let StateV1 { sequence: asked, answer_by, .. } = self.question;
         let is_late =

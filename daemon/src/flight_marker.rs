@@ -1,5 +1,5 @@
-//! Markers that a daemon leaves to the next one: one while it may take off automatically, left by an end without good order; one during each
-//! flight, left by an end in flight.
+//! Marker files from a daemon to the next one. One exists while the daemon may take off automatically, and remains if it does not end in
+//! order; one exists during each flight, and remains if the daemon ends in flight.
 
 use oqtal_bus::code::Cause;
 use oqtal_bus::paths::InstancePaths;
@@ -8,7 +8,7 @@ use oqtal_runtime::flight_marker::FlightMarker;
 
 use crate::cycle::Cycle;
 
-/// The marker against automatic flights. An observer flies nothing, and changes nothing.
+/// The marker against automatic flights. A daemon that only observes does not fly, and leaves the marker unchanged.
 #[derive(Debug)]
 pub(crate) struct TakeOffMarker {
     marker: FlightMarker,
@@ -62,7 +62,7 @@ impl TakeOffMarker {
 /// The marker of flights, for the background thread.
 #[derive(Debug)]
 pub(crate) struct InFlightMarker {
-    /// `None` for an observer.
+    /// Marker of flights; `None` for a daemon that only observes.
     marker: Option<FlightMarker>,
     /// Whether the command that started the daemon reports its end: then only marks of earlier flights are removed.
     is_child: bool,

@@ -165,7 +165,7 @@ fn when(t_s: f64) -> String {
     if t_s < 0.0 { "in the take-off".to_owned() } else { format!("at {t_s:.1} s") }
 }
 
-/// Where a flight begins \[m, world\], if that is known before: with emulated cameras, at the origin.
+/// Starting point of a flight \[m, world\] if it is known in advance: with emulated cameras it is the origin.
 pub fn known_start(config: &Config) -> Option<Vector3<f64>> {
     config.receiver.link.is_empty().then(Vector3::zeros)
 }
@@ -192,11 +192,11 @@ pub(crate) fn is_flyable(
     check_flyable(config, trajectory, start).is_ok()
 }
 
-/// As [`require_flyable`], for a trajectory that begins at the vehicle's position in flight: the loop compares its path with the floor. The
-/// heights of waypoints are those above the floor, and are checked here, too.
+/// Like [`require_flyable`], for a trajectory that begins at the vehicle's position in flight; the loop compares its path with the floor.
+/// The heights of waypoints are those above the floor, and are checked here, too.
 ///
 /// # Errors
-/// As [`require_flyable`].
+/// Like [`require_flyable`].
 pub(crate) fn require_flyable_in_flight(
     config: &Config,
     trajectory: &Trajectory,
@@ -220,8 +220,9 @@ fn check_flyable(
     check_motion(config, (trajectory, start.or_else(|| known_start(config))), room)
 }
 
-/// Whether the vehicle can follow `trajectory`, and the daemon accepts its set-points, beside the check of its `room`: with a remedy for the
-/// one the other would be refused. The factor of time also gives room from `start` \[m, world\], if one does.
+/// Whether the vehicle can follow `trajectory`, and the daemon accepts its set-points, in addition to the check of its `room`, since with
+/// the remedy for one the flight could still be refused by the other. If a factor of time exists that also gives room from `start`
+/// \[m, world\], it is that one.
 fn check_motion(
     config: &Config,
     (trajectory, start): (&Trajectory, Option<Vector3<f64>>),

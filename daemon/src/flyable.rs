@@ -127,7 +127,7 @@ impl<'a> PhaseDemand<'a> {
 }
 
 /// Whether the vehicle can fly `trajectory`: with 0.9 of its thrust, 0.8 of its rates, and inside the limits of speed and tilt.
-/// `lacks_room` tells whether it leaves the fence if it is flown this many times as slowly \[-\].
+/// `lacks_room` returns whether it leaves the fence if it is flown this many times as slowly \[-\].
 ///
 /// # Errors
 /// The key of the limit, the first point at which the trajectory exceeds it most, and the factor of time with which it would not.
@@ -204,8 +204,9 @@ fn demands(config: &Config, (demand, phase): (&MotionDemand, Phase)) -> [Demand;
     ]
 }
 
-/// The least factor of time from which on nothing `exceeds`, at most 2 % too great; `None` without one. A slower flight may exceed
-/// what a faster one does not, since a trajectory that leaves the vehicle weightless turns the thrust fast; far below the speed of an excess it does not.
+/// The least factor of time from which on nothing `exceeds`, at most 2 % too great; `None` if there is none. A slower flight may exceed a
+/// limit that a faster one does not, since a trajectory that leaves the vehicle weightless turns the thrust fast; far below the speed of an
+/// excess this does not happen.
 pub(crate) fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
     if exceeds(SLOWEST) {
         return None;

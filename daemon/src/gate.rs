@@ -1,4 +1,4 @@
-//! The gate on the innovation: in flight a pose is admitted if it lies where the commands sent can have brought the vehicle.
+//! The gate on the innovation: in flight a pose is admitted if the commands sent can have moved the vehicle to it.
 
 mod outlier;
 mod residual;
@@ -18,8 +18,8 @@ use residual::{PoseResidual, Tolerance};
 /// Refused poses in a row that match each other and not the motion, after which they count as poses of another body or of swapped
 /// markers \[-\].
 const RELABEL_POSES: u32 = 3;
-/// Greatest angle of a pose from the predicted attitude, independent of its uncertainty \[rad\]. Swapped markers turn a body by
-/// more. If the vehicle can have turned by more since the last accepted pose, it must not be flown on.
+/// Greatest angle of a pose from the predicted attitude, independent of its uncertainty \[rad\]. Swapped markers turn a body by more. If
+/// the vehicle may have turned by more since the last accepted pose, the flight must not continue.
 const GREATEST_TURN_RAD: f64 = 0.5;
 /// Greatest innovation of a pose that agrees with the motion without an outlier before it \[standard deviations\].
 const HYPOTHESIS_SIGMA: f64 = 3.0;

@@ -1,4 +1,4 @@
-//! The guard of the poses: accepts a pose that is recent, in order, finite, of unit norm, and where the vehicle can be.
+//! The guard of the poses: accepts a pose that is recent, in order, finite, of unit norm, and at a place that the vehicle can have reached.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Cause;

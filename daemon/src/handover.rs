@@ -10,7 +10,7 @@ use oqtal_control::quantity::{StickCommand, Torque};
 
 use crate::command::{RotationCommand, VehicleCommand};
 
-/// Time in which a command may change by its whole range; also the minimum duration of a hand-over, and half its greatest \[s\].
+/// Time in which a command may change by its whole range \[s\]; also the minimum duration of a hand-over, and half of its maximum duration.
 const FULL_RANGE_S: f64 = 0.25;
 /// Range of the attitude of a command \[rad\].
 const ATTITUDE_RANGE_RAD: f64 = 1.0;
@@ -18,11 +18,11 @@ const ATTITUDE_RANGE_RAD: f64 = 1.0;
 /// Greatest change of a command in one second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlewLimits {
-    /// Of each component of the rotation command \[1/s for sticks, N m/s for a torque\].
+    /// Slew limit of each component of the rotation command \[1/s for sticks, N m/s for a torque\].
     pub rotation_per_s: f64,
-    /// Of the thrust \[N/s\].
+    /// Slew limit of the thrust \[N/s\].
     pub thrust_n_per_s: f64,
-    /// Of each component of the attitude \[rad/s\].
+    /// Slew limit of each component of the attitude \[rad/s\].
     pub attitude_rad_s: f64,
 }
 
@@ -66,7 +66,7 @@ impl Handover {
         self.left_s = Some(FULL_RANGE_S);
     }
 
-    /// As [`Handover::begin`], without a minimum duration: the limit grows at once, and the hand-over ends once the command is reached,
+    /// Like [`Handover::begin`], without a minimum duration: the limit grows at once, and the hand-over ends once the command is reached,
     /// after a quarter of a second at the latest.
     pub fn begin_until_reached(&mut self) {
         self.left_s = Some(0.0);
@@ -104,8 +104,8 @@ impl Handover {
         limited
     }
 
-    /// `command`, at most a slew of `step_s` \[s\] from `last`; `None` if one of them disarms, they are of different kinds, or a
-    /// number is not finite.
+    /// Limits `command` to the change from `last` that the slew limits permit in `step_s` \[s\]; `None` if one of the two disarms, they are
+    /// of different kinds, or a number is not finite.
     fn limited(
         &self,
         last: &VehicleCommand,

@@ -5,8 +5,8 @@
 //! continues from the last one; the command in transition must pass the envelope, too.
 //!
 //! A law that failed returns after a number of good commands in a row, once the fallback has flown for a time in which the vehicle
-//! recovers. Each failure soon after a return doubles this time, up to a limit. It also holds for a new process of an external law,
-//! since the vehicle must recover whichever process failed, and for a law that connects for the first time in flight.
+//! recovers. Each failure soon after a return doubles this time, up to a limit. The time also applies to a new process of an external law,
+//! since the vehicle must recover from either process, and to a law that connects for the first time in flight.
 
 use oqtal_bus::code::HandoverCause;
 use oqtal_config::Config;
@@ -52,7 +52,7 @@ pub struct GuardReport {
     pub cause: HandoverCause,
     /// Whether the fallback law computed the last command.
     pub is_fallback: bool,
-    /// Whether it did so although the law might have flown.
+    /// Whether it did so in a tick in which the law was permitted to fly.
     pub law_fails: bool,
 }
 
@@ -73,8 +73,8 @@ pub struct LawGuard {
     flown: u32,
     /// Whether the law failed and has not returned.
     failed: bool,
-    /// First reason against the law since it last flew; `None` without one. [`HandoverCause::Absent`] only if a law that flew was gone,
-    /// until there is another reason.
+    /// First reason against the law since it last flew; `None` without one. [`HandoverCause::Absent`] only if a law that had flown was
+    /// disconnected, and until there is another reason.
     failure: HandoverCause,
     /// Whether no law was connected in the last tick.
     is_absent: bool,
@@ -122,7 +122,7 @@ impl LawGuard {
         !self.is_absent
     }
 
-    /// Checks the next commands against `envelope`, and returns the one before in its place.
+    /// Checks the next commands against `envelope`, and leaves the previous envelope in its place.
     pub fn exchange_envelope(&mut self, envelope: &mut Envelope) {
         std::mem::swap(&mut self.envelope, envelope);
     }
@@ -227,7 +227,7 @@ impl LawGuard {
         ControlOutput { command, ..fallback }
     }
 
-    /// Notes that the law fails in this tick, by `reason`, or waits for its return.
+    /// Records that the law fails in this tick, for `reason`, or that it waits for its return.
     fn note_failure(&mut self, reason: HandoverCause) {
         use HandoverCause::{Absent, None};
         let hands_over = !self.report.is_fallback;
@@ -283,7 +283,7 @@ fn with_tilt_first(mut command: VehicleCommand) -> VehicleCommand {
 }
 
 /// `next` with the control that the control stack keeps in a daemon that was started with `started`: the stack is the fallback of an
-/// external law, and a trusted law is not changed in flight. Limits of the position loops are those of `next`.
+/// external law, and a fallback law is not changed in flight. Limits of the position loops are those of `next`.
 pub(crate) fn of_stack(started: &Config, next: &Config) -> Config {
     if next.control.is_external() { trusted(started, next) } else { next.clone() }
 }

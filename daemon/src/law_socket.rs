@@ -51,7 +51,8 @@ pub(crate) fn connections() -> (ConnectionSlot, Receiver<OwnedFd>) {
 }
 
 impl ConnectionSlot {
-    /// Passes `connection` on, in place of one that the loop has not taken: it takes them only while it asks a law, in flight.
+    /// Passes `connection` to the loop, and replaces one that the loop has not taken: it takes connections only in flight, when it asks a
+    /// law.
     fn put(&self, connection: OwnedFd) {
         // Only this thread fills the place.
         let _ = self.receiver.try_recv();
@@ -72,7 +73,7 @@ pub(crate) struct SocketLaw {
 }
 
 impl SocketLaw {
-    /// A law that arrives through `connections`; waiting ends with `stop`.
+    /// An external law whose connections arrive through `connections`; waiting for one ends when `stop` is set.
     pub(crate) fn new(connections: Receiver<OwnedFd>, stop: StopFlag) -> Self {
         let virtual_timeout = VIRTUAL_TIMEOUT;
         Self { connections, connection: None, was_connected: false, virtual_timeout, stop }
@@ -92,8 +93,8 @@ impl SocketLaw {
         }
     }
 
-    /// Shuts a failed connection down in both directions, so that the listener, which has a duplicate of it, also notices: a law may have
-    /// closed one alone.
+    /// Shuts a failed connection down in both directions, so that the listener, which has a duplicate of it, detects the failure too: the
+    /// law may have closed only one direction.
     fn disconnect(&mut self) {
         if let Some(connection) = self.connection.take() {
             let _ = shutdown(connection, Shutdown::Both);
@@ -244,7 +245,7 @@ impl LawListener {
         self.present.is_some()
     }
 
-    /// Notices the end of the law, and accepts one that waits. While one is connected, others are refused.
+    /// Detects the end of the connected law, and accepts a waiting one. While one is connected, others are refused.
     pub(crate) fn poll(&mut self) {
         if self.present.as_ref().is_some_and(|present| !is_connected(present)) {
             tracing::warn!("external law disconnected: no law is connected");

@@ -157,11 +157,11 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     run_behind(context, (), clock, None)
 }
 
-/// As [`run`], where each turn follows one of `before` in the same loop, whose clock is `clock`; commands are also transmitted by
+/// Like [`run`], where each turn follows one of `before` in the same loop, whose clock is `clock`; commands are also transmitted by
 /// `direct`.
 ///
 /// # Errors
-/// As [`run`].
+/// Like [`run`].
 pub fn run_behind(
     context: &ProcessContext,
     before: impl Turn,

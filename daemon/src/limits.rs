@@ -11,8 +11,8 @@ use crate::floor::OFF_FLOOR_M;
 
 /// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
 const FENCE_SIGMA: f64 = 3.0;
-/// The same for a descent without poses: level and under less thrust than a hover the vehicle moves less than the uncertainty, which
-/// is that of any flight, allows, and motors that stop let it fall.
+/// The same for a descent without poses. Level, and with less thrust than in a hover, the vehicle moves less than the uncertainty of a
+/// general flight allows; stopping the motors would let it fall.
 const DESCENT_SIGMA: f64 = 0.5;
 /// Fraction of maximum thrust, as commanded, above which thrust counts as full \[-\].
 const FULL_THRUST: f64 = 0.95;
@@ -63,9 +63,9 @@ pub struct LimitConditions {
     pub poses_lost: bool,
     /// Poses do not follow the rotation that the vehicle's gyroscope measures.
     pub poses_contradict: bool,
-    /// A test finds that poses do not agree with the vehicle.
+    /// A weaker test finds that poses disagree with the vehicle.
     pub poses_disagree: bool,
-    /// Poses do not agree with the vehicle, which is far from its reference or too fast: the law follows them away.
+    /// Poses disagree with the vehicle while it is far from its reference or too fast: the law may be following wrong poses.
     pub poses_mislead: bool,
     /// The loop was late in several ticks in a row.
     pub overrun: bool,
@@ -81,7 +81,7 @@ pub struct LimitConditions {
     pub law_fails: bool,
     /// The vehicle holds its position because a planner's references ended.
     pub references_ended: bool,
-    /// It has for longer than `reference.land-after-ms`.
+    /// The vehicle has held its position for this reason for longer than `reference.land-after-ms`.
     pub references_overdue: bool,
 }
 

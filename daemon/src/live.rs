@@ -142,7 +142,7 @@ impl LiveSettings {
         Self::of(ReadSettings::at_start(config), files.to_vec())
     }
 
-    /// As [`LiveSettings::new`] without files, with these points of the waypoint file.
+    /// Like [`LiveSettings::new`] without files, with these points of the waypoint file.
     pub fn along(config: &Config, waypoints: Option<Waypoints>) -> Self {
         Self::of(ReadSettings::along(config.clone(), waypoints), Vec::new())
     }
@@ -240,7 +240,7 @@ impl LiveSettings {
             .is_some_and(|(settings, _)| settings.has_same_values(&self.present))
     }
 
-    /// Warnings of the settings after `prepared` that the present ones do not have, and of its point, above a floor at the height 0.
+    /// Returns the warnings that `prepared` adds to those of the present settings, by its settings or its point; the floor is at height 0.
     pub fn new_warnings(&self, prepared: &PreparedChange) -> Vec<String> {
         let of = |settings: &ReadSettings| {
             let trajectory = settings.trajectory();
@@ -315,8 +315,8 @@ impl LiveSettings {
         self.settings(self.read(self.present().with_live(&settings)?, is_named)?, text, false)
     }
 
-    /// Changes the settings that differ in the file `path`. Without one, takes the changes in flight back, and reads the
-    /// daemon's files as they are now; flags keep precedence over the files.
+    /// Changes the settings that differ in the file `path`. Without a path, undoes the changes in flight and reads the daemon's files
+    /// again; flags keep precedence over the files.
     fn reload(&self, path: &str) -> Result<PreparedChange, Refusal> {
         let files = if path.is_empty() { &self.files[..] } else { &[PathBuf::from(path)] };
         if files.is_empty() {

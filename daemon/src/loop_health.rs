@@ -62,13 +62,13 @@ impl LoopHealth {
         self.age = used.unwrap_or(self.age);
     }
 
-    /// Begins a flight: frames that were lost on the ground, where somebody may hide the markers, are not of the flight.
+    /// Begins a flight: frames lost on the ground, where a person may cover the markers, do not count for the flight.
     pub fn begin_flight(&mut self) {
         self.loss = 0.0;
     }
 
-    /// Records the command that was sent at `sent_at`, and was due at `due`: when its pose was published, at the deadline of its
-    /// tick at the latest.
+    /// Records a command that was sent at `sent_at` and due at `due`: the publication of its pose, or the deadline of its tick if that is
+    /// earlier.
     pub fn sent(&mut self, due: Time, sent_at: Time) {
         self.overruns.turn_ended(due, sent_at);
     }

@@ -1,10 +1,10 @@
 //! Noise of the poses, measured from the poses alone: a vehicle's motion is smooth over four poses, noise is not.
 //!
-//! Each pose is compared with the parabola through the three poses before it. The residual has the variance of the noise times
-//! one plus the sum of the squared weights of the three, 20 for equal intervals; motion adds its third difference, the jerk times the
-//! cube of the interval, 0.1 mm at 23 m/s^3 and 60 Hz. Noise that changes more slowly than over four poses is not measured: filters
-//! follow it. The mean is slow, contains no values of the last second and a half, and stands still while a test of the poses raises
-//! evidence against them, so that a fault is not learned as noise.
+//! Each pose is compared with the parabola through the three poses before it. The residual has the variance of the noise times one plus the
+//! sum of the squared weights of the three, 20 for equal intervals; motion adds its third difference, the jerk times the cube of the
+//! interval, 0.1 mm at 23 m/s^3 and 60 Hz. Noise that changes more slowly than over four poses is not measured: filters follow it. The mean
+//! is slow, contains no values of the last second and a half, and is not updated while a test raises evidence against the poses, so that a
+//! fault does not count as noise.
 
 use nalgebra::Vector3;
 use oqtal_config::Config;
@@ -67,7 +67,7 @@ impl MeasuredNoise {
     }
 
     /// Takes a pose measured at `t_s` \[s\]; returns whether the measured noise may have changed. While poses are not `credible`, the
-    /// values that wait to be learned are discarded.
+    /// values that are not in the mean yet are discarded.
     pub fn take(&mut self, t_s: f64, pose: &MeasuredPose, credible: bool) -> bool {
         let turned = self.attitude.rotation_to(&pose.attitude);
         let angle = self.last[0].map_or(turned, |(_, _, angle)| angle + turned);

@@ -54,7 +54,7 @@ impl ActiveMission {
         Self { began, path, changes: 0, held: None, held_before: Span::ZERO }
     }
 
-    /// Number of changes of the plan so far, as by a landing: the reference may jump at one \[-\].
+    /// Number of changes of the plan so far, for example by a landing \[-\]; the reference may jump at a change.
     pub fn changes(&self) -> u32 {
         self.changes
     }
@@ -173,7 +173,7 @@ impl ActiveMission {
         self.held_before = Span::ZERO;
     }
 
-    /// Whether `now` lies in the scored window, to which the time in which the mission waits does not belong.
+    /// Whether `now` is in the scored window, which excludes the time in which the mission waits.
     pub fn is_scored(&self, now: Time) -> bool {
         match &self.path {
             FlightPath::Plan(plan, _) => !self.is_held() && plan.scored(self.elapsed_s(now)),

@@ -26,10 +26,10 @@ use answer::{
 pub use loop_handle::{LoopHandle, LoopRequest};
 use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity};
 
-/// An operator's request that the loop has not answered by then is answered with "accepted".
+/// Time-out of the loop's reply; an operator's request without a reply is then answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
 
-/// The background thread's end of the hand-off.
+/// Requests of operators, on the background thread's side of the hand-off.
 #[derive(Debug)]
 pub struct OperatorRequests {
     queues: BackgroundHandle<Condition, NumberedRequest, NumberedReply>,
@@ -42,7 +42,7 @@ pub struct OperatorRequests {
     /// Warning about the rate of the poses.
     pub(crate) warning: Option<String>,
     config_hash: u64,
-    /// `None` without a daemon's background thread.
+    /// Settings of the daemon; `None` without its background thread.
     pub(crate) settings: Option<LiveSettings>,
     /// Number of requests that change a flight or its settings so far.
     events: u64,
@@ -195,8 +195,8 @@ impl OperatorRequests {
         notes.fold(format!("{law}, {course}"), |text, note| format!("{text}; {note}"))
     }
 
-    /// Passes a request for a flight on; the answer, and an event for recordings that began later, name the settings that were
-    /// changed since the start. The answer also says that no external law is connected.
+    /// Forwards a request for a flight; the answer, and an event for recordings that began later, name the settings that were changed since
+    /// the start. The answer also says that no external law is connected.
     fn begin(
         &mut self,
         command: OperatorCommand,
@@ -230,7 +230,7 @@ impl OperatorRequests {
         self.settings.as_ref().map_or_else(Vec::new, LiveSettings::changed)
     }
 
-    /// Reports the value of the setting `key`; without a key, what flies and the settings that were changed since the start.
+    /// Reports the value of the setting `key`; without a key, the law and trajectory that fly, and the settings changed since the start.
     fn get(&self, key: &str) -> ControlResponseV1 {
         let present = self.present(Answer::Done);
         if key.is_empty() {
@@ -319,7 +319,7 @@ impl OperatorRequests {
         ControlResponseV1 { text, ..response }
     }
 
-    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still. A request without a reply
+    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`], since the loop may hang. A request without a reply
     /// is reported as accepted, or as refused if it needs a flight and none is under way or expected; it stays in the queue either way.
     fn pass_on(&mut self, request: LoopRequest, validity: Validity) -> ControlResponseV1 {
         self.count += 1;

@@ -1,4 +1,4 @@
-//! Whether a pose source ever repeats a pose: a source with noise does not; one with coarse numbers or without noise may.
+//! Detects whether a pose source ever repeats a pose: a source with noise does not; one with coarse numbers or without noise may.
 
 use oqtal_control::predictive::MeasuredPose;
 
@@ -6,12 +6,12 @@ use oqtal_control::predictive::MeasuredPose;
 const STEP_WEIGHT: f64 = 0.1;
 /// Share of repeated poses up to which a source counts as one that never repeats a pose \[-\].
 const NEVER: f64 = 0.003;
-/// Mean step from pose to pose above which positions have noise or the vehicle moves \[m\]; less is the rest of a decay.
+/// Mean step from pose to pose above which positions have noise or the vehicle moves \[m\]; a smaller step is the end of a decay.
 const LEAST_STEP_M: f64 = 1e-5;
 /// Share of the mean step that the least change of a coordinate stays below if positions have noise \[-\]: coarse numbers and a
 /// smooth motion change by steps that are all alike.
 const NOISE_SHARE: f64 = 0.2;
-/// Growth of the least change from pose to pose, by which an old one is forgotten \[-\].
+/// Growth of the least change from pose to pose, so that an old minimum loses its effect \[-\].
 const FORGETTING: f64 = 1.02;
 /// Repetitions in a row that a source with noise does not make \[-\].
 const IMPOSSIBLE_REPEATS: u32 = 2;

@@ -6,7 +6,7 @@ use oqtal_config::Config;
 
 /// Shortest window in which poses are counted.
 const WINDOW: Span = Span::from_millis(1000);
-/// Time without a pose that is a pause: a window with one is not used, and a warning ends with it.
+/// Time without a pose that counts as a pause; a window with a pause is not used, and a pause ends a warning.
 const PAUSE: Span = Span::from_millis(2000);
 /// Time with another rate in every window after which there is a warning.
 const LASTING: Span = Span::from_millis(5000);
@@ -80,7 +80,7 @@ mod tests {
 
     use super::*;
 
-    /// The monitor after `seconds` \[s\] of poses at `rate_hz` \[Hz\], of which `is_lost` says which frames are lost.
+    /// The monitor after `seconds` \[s\] of poses at `rate_hz` \[Hz\], of which `is_lost` selects the lost frames.
     fn monitor(rate_hz: u64, seconds: u64, is_lost: fn(u64) -> bool) -> PoseRate {
         let (mut rate, config) = (PoseRate::default(), Config::default());
         let frames = (1..=rate_hz * seconds).filter(|frame| !is_lost(*frame));

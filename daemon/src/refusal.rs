@@ -9,7 +9,7 @@ use oqtal_runtime::process::Failure;
 pub struct Refusal {
     /// Cause.
     pub cause: Cause,
-    /// Reason, with the key at fault; empty if the cause says it.
+    /// Reason, with the key at fault; empty if the cause is sufficient.
     pub reason: String,
 }
 

@@ -23,16 +23,16 @@ pub struct SetpointGuard {
     plan: u32,
 }
 
-/// Why a reference was refused.
+/// Reason why a reference was refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SetpointRefusal {
-    /// It is invalid; the text says what is.
+    /// The reference is invalid; the text names the invalid part.
     Invalid(&'static str),
-    /// It is beyond a limit.
+    /// The reference is beyond a limit.
     Beyond {
         /// The quantity, and its unit.
         quantity: [&'static str; 2],
-        /// Its value \[unit of the quantity\].
+        /// Value of the quantity \[its unit\].
         value: f64,
         /// The key of the limit, and its value \[unit of the quantity\].
         limit: (&'static str, f64),
@@ -99,7 +99,7 @@ impl SetpointGuard {
         Self { fence, last: None, plan: 0 }
     }
 
-    /// Forgets the last reference: a flight begins.
+    /// Discards the last reference, at the beginning of a flight.
     pub fn reset(&mut self) {
         self.last = None;
     }

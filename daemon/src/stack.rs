@@ -142,7 +142,7 @@ impl ControlStack {
     /// The fallback of the built-in law of `config`; `None` without one, and for an external law.
     ///
     /// # Errors
-    /// As [`ControlStack::new`].
+    /// Like [`ControlStack::new`].
     pub fn of_fallback(config: &Config) -> Result<Option<Self>, OptionError> {
         let Some(control) = config.control.of_fallback() else { return Ok(None) };
         let mut config = config.clone();

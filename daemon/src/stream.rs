@@ -21,7 +21,7 @@ use crate::setpoint::{SetpointRefusal, require, require_turn};
 const PAUSE: Span = Span::from_millis(500);
 /// Deviation of the norm of a quaternion from 1 above which it is invalid \[-\].
 const NORM_TOLERANCE: f64 = 1e-3;
-/// Limit of the speed at the end of the validity over that at the beginning \[-\]: most references are replaced before.
+/// Limit of the speed at the end of the validity over that at the beginning \[-\]: most references are replaced earlier.
 const END_SPEED: f64 = 2.0;
 /// Greatest difference of the velocity between a reference and the extrapolation of the one before, over the time between them
 /// \[m/s^2\].
@@ -160,12 +160,13 @@ impl ReferenceStream {
         self.land_after = other.land_after;
     }
 
-    /// Discards all references: a flight begins. A planner whose stream was ended remains ignored until it pauses.
+    /// Discards all references at the beginning of a flight. A planner whose stream was ended remains ignored until it pauses.
     pub fn reset(&mut self) {
         (self.followed, self.ended_since, self.refusal) = (None, None, None);
     }
 
-    /// Ends the stream: an operator determines the flight, or the flight is over.
+    /// Ends the stream, since an operator now determines the flight, or it is over; references of the same writer are ignored until it
+    /// pauses.
     pub fn end(&mut self) {
         self.reset();
         self.ignored = self.last;
@@ -182,7 +183,7 @@ impl ReferenceStream {
     }
 
     /// Takes a reference of the writer `source`; `at` is the motion of the reference that is flown at `now`, the heading of the vehicle
-    /// \[rad\], and the room; `None` if no reference can be followed now, which is not a pause of the writer.
+    /// \[rad\], and the room; `None` if no reference can be followed now, which does not count as a pause of the writer.
     pub fn receive(
         &mut self,
         now: Time,
@@ -242,7 +243,7 @@ impl ReferenceStream {
         is_over
     }
 
-    /// Whether the vehicle holds its position because the references ended, and whether it has for so long that it must land.
+    /// Whether the vehicle holds its position because the references ended, and whether it must land because this has lasted too long.
     pub fn ended(&self, now: Time) -> [bool; 2] {
         let is_over = self.ended_since.is_some_and(|since| now.since(since) >= self.land_after);
         [self.ended_since.is_some(), is_over]

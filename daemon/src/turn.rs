@@ -37,13 +37,13 @@ pub struct DaemonPorts<T: Transport> {
     exchange: Option<(T::Writer<StateV1>, T::Writer<ExternalV1>)>,
     /// Path of the commands besides the bus.
     direct: Option<Box<dyn DirectPath>>,
-    /// Copies of what was read, where faults by hand alter it; `None` where it is read as it was sent.
+    /// Copies of the samples read by the daemon, if injected faults alter them; `None` for samples that are read as sent.
     poses_read: Option<T::Writer<PoseV1>>,
     vehicles_read: Option<T::Writer<VehicleV1>>,
 }
 
 impl<T: Transport> DaemonPorts<T> {
-    /// Opens them, the command topic first: its single writer is the lock against a second controller.
+    /// Opens the ports, the command topic first: its single writer is the lock against a second controller.
     ///
     /// # Errors
     /// Another controller holds the command topic, or the transport failed.
@@ -202,7 +202,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
         self.ports.stop.is_newly_raised() || self.cycle.awaits_arm()
     }
 
-    /// Makes a change of the flight that came between two turns, from the request with the number `event`, and records it.
+    /// Executes a change of the flight that arrived between two turns, from the request with the number `event`, and records it.
     ///
     /// # Errors
     /// The transport failed.

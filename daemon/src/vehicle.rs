@@ -96,7 +96,7 @@ impl VehicleWatch {
         self.last.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))
     }
 
-    /// Whether a flight must end: no reply for too long, or a bridge that was restarted and does not know of the flight.
+    /// Whether a flight must end: no reply for too long, or a bridge that was restarted and has no state of the flight.
     pub fn is_lost(&self, now: Time) -> bool {
         self.is_replaced || self.is_old(now, self.answered_at)
     }

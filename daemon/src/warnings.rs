@@ -40,8 +40,8 @@ const USUAL_BATTERY_V: RangeInclusive<f64> = 2.0..=100.0;
 /// \[kg^(-2/3) m^2\].
 const USUAL_INERTIA: RangeInclusive<f64> = 2e-5..=4.0;
 
-/// Settings of `config` that a flight of `trajectory` cannot satisfy because of others, each with its remedy. Takes up to some seconds: the
-/// law flies a model along the steps of the trajectory.
+/// Settings of `config` that a flight of `trajectory` cannot satisfy because of other settings, each with its remedy. Takes up to some
+/// seconds: the law flies a model along the steps of the trajectory.
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
     let plan = FlightPlan::from_origin(&config.trajectory, trajectory);
     let samples = samples(&plan);

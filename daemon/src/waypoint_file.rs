@@ -17,7 +17,7 @@ const MOST_WAITING: usize = 32;
 /// Number of files that are being read for requests \[-\].
 static WAITING: AtomicUsize = AtomicUsize::new(0);
 
-/// Key of the file.
+/// Configuration key that names the waypoint file.
 pub(crate) const WAYPOINTS_KEY: &str = "trajectory.waypoints-file";
 
 /// The trajectory of `config`, whose waypoint file is read if it flies one.
@@ -91,11 +91,11 @@ pub(crate) fn require_readable_file(path: &Path) -> Result<(), Refusal> {
     }
 }
 
-/// Settings with the points of their waypoint file: a later change does not depend on the file, which may have vanished.
+/// Settings with the points of their waypoint file, so that a later change does not need the file, which may have been removed.
 #[derive(Clone, Debug)]
 pub(crate) struct ReadSettings {
     pub(crate) config: Config,
-    /// `None` without a file, and for one that could not be read at the start.
+    /// Points of the waypoint file; `None` without a file, and for one that could not be read at the start.
     pub(crate) waypoints: Option<Waypoints>,
     /// Comment lines of the files that were read again in flight.
     pub(crate) reread: String,
@@ -104,7 +104,7 @@ pub(crate) struct ReadSettings {
 }
 
 impl ReadSettings {
-    /// As [`Self::reading`], without points if the file cannot be read: the request that needs them reports the error.
+    /// Like [`Self::reading`], without points if the file cannot be read: the request that needs them reports the error.
     pub(crate) fn at_start(config: &Config) -> Self {
         Self::reading(config.clone()).unwrap_or_else(|_| Self::along(config.clone(), None))
     }
@@ -112,7 +112,7 @@ impl ReadSettings {
     /// `config`, whose waypoint file is read.
     ///
     /// # Errors
-    /// As [`waypoints`].
+    /// Like [`waypoints`].
     pub(crate) fn reading(config: Config) -> Result<Self, Failure> {
         // First: an edit from now on is told once too often, and never lost.
         let waypoints_read = comment(&config);
@@ -141,10 +141,10 @@ impl ReadSettings {
         file(self) == file(other) && self.waypoints != other.waypoints
     }
 
-    /// The trajectory. A file that could not be read at the start is an error of the request that flies it.
+    /// The trajectory. If the file could not be read at the start, the request that flies it fails.
     ///
     /// # Errors
-    /// As [`trajectory`].
+    /// Like [`trajectory`].
     pub(crate) fn trajectory(&self) -> Result<Trajectory, Failure> {
         match &self.waypoints {
             Some(points) => trajectory_along(&self.config, Some(points.clone())),

@@ -34,8 +34,8 @@ pub trait FlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure>;
 }
 
-/// Begins a series of flights, whose results are written into the directory, and whether it may replace a flight: one that is
-/// resumed, or replaces results, may.
+/// Begins a series of flights, whose results are written into the directory. The flag is whether it may replace a flight: a series that is
+/// resumed, or that replaces results, may.
 pub type BeginSeries = dyn Fn(PathBuf, bool) -> Result<Box<dyn FlightSeries>, Failure>;
 
 /// Arguments of `oqtal campaign`.
@@ -230,7 +230,7 @@ impl CampaignArgs {
     }
 }
 
-/// Whether the time in which a hover is scored contains both disturbances; also if the hover is invalid, which its flight reports.
+/// Whether the time in which a hover is scored contains both disturbances; also true for an invalid hover, which its flight reports.
 fn scores_disturbances(config: &Config) -> bool {
     let mut hover = config.clone();
     hover.trajectory.kind = TrajectoryKind::Hover;
@@ -268,7 +268,7 @@ fn campaign_row(flown: &[Flown], plain: &Flown, best: usize) -> SheetRow {
     SheetRow { cells: in_order(&first.into_iter().chain(row.cells).collect::<Vec<_>>()), ..row }
 }
 
-/// Cells of a row with the figures that tell laws apart first: disturbed hover, circle, chirp, doublet, hover, jitter.
+/// Cells of a row, the figures that distinguish laws most first: disturbed hover, circle, chirp, doublet, hover, jitter.
 fn in_order<T: Clone>(cells: &[T]) -> Vec<T> {
     let first = [0, 1, 2].into_iter().chain([CHIRP, DOUBLET, HOVER, JITTER].map(|k| k + 3));
     let first: Vec<usize> = first.collect();

@@ -42,7 +42,7 @@ pub enum Task {
     Track,
     /// Reach the hover point from any attitude, with velocity and rate.
     Recover,
-    /// As a flight: at rest on the floor; the episode does not end by itself.
+    /// Like a flight: at rest on the floor; the episode does not end automatically.
     Floor,
 }
 
@@ -126,7 +126,7 @@ impl Environment {
     /// Begins the episode of `seed`.
     ///
     /// # Errors
-    /// As [`Environment::new`].
+    /// Like [`Environment::new`].
     pub fn reset(&mut self, seed: u64) -> Result<(), Failure> {
         self.mission.config.clock.seed = seed;
         self.lane = begin(&self.mission, self.task)?;
@@ -159,7 +159,7 @@ impl Environment {
         Ok(self.result(if is_finite { change.norm() } else { 0.0 }))
     }
 
-    /// The estimate at the first tick: of a vehicle in the air, of which no pose has arrived, its true position and attitude.
+    /// The estimate at the first tick; for a vehicle in the air, before its first pose, the true position and attitude.
     fn begin_estimate(&mut self) {
         self.observe();
         if !self.captured_at.is_set() && self.task != Task::Floor {
@@ -213,8 +213,8 @@ impl Environment {
         }
     }
 
-    /// The observation, as the cameras give it: position error \[m, world\], velocity error \[m/s, world\], attitude with the scalar last
-    /// and not negative, body rate \[rad/s\], past actions with the newest first.
+    /// The observation from the poses of the cameras: position error \[m, world\], velocity error \[m/s, world\], attitude with the scalar
+    /// last and not negative, body rate \[rad/s\], past actions with the newest first.
     pub fn observation(&self) -> [f64; OBSERVATION] {
         let (Estimate { position, velocity, attitude, rate }, reference) =
             (self.estimate, &self.reference);

@@ -1,5 +1,5 @@
-//! Output of a study: the output directory with its files and its journal, or one file. Results of another study are not replaced
-//! unless that is asked for. All results state their provenance: command line, program version and configuration.
+//! Output of a study: the output directory with its files and its journal, or one file. Results of another study are replaced only on
+//! request. All results state their provenance: command line, program version and configuration.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -68,7 +68,7 @@ pub struct StudyOutput {
 }
 
 impl StudyOutput {
-    /// Makes the directory `given`, by default the first `results/COMMAND-N` that does not exist; the study of `config` will write
+    /// Creates the directory `given`, by default the first `results/COMMAND-N` that does not exist; the study of `config` will write
     /// `files` into it. To be resumed, the directory is that of an interrupted study, by default the newest one of `command` with the same
     /// arguments.
     ///
@@ -99,7 +99,7 @@ impl StudyOutput {
     /// `NAME.config.toml`.
     ///
     /// # Errors
-    /// As [`Self::begin`].
+    /// Like [`Self::begin`].
     pub fn beside(
         files: &[PathBuf],
         config: &Config,
@@ -210,7 +210,7 @@ fn check_not_begun(journal: &Path) -> Result<(), Failure> {
     Err(Failure::new(Exit::Usage, reason))
 }
 
-/// Makes the first `results/COMMAND-N` that does not exist.
+/// Creates the first `results/COMMAND-N` that does not exist.
 ///
 /// # Errors
 /// The directory cannot be made (exit code 71).
@@ -253,7 +253,7 @@ fn newest(command: &str) -> Result<PathBuf, Failure> {
     })
 }
 
-/// Makes the directory; to be called before a study, so that a failure is detected early.
+/// Creates the directory. Called before a study, so that a failure is detected early.
 ///
 /// # Errors
 /// The directory cannot be made (exit code 71).

@@ -1,5 +1,5 @@
-//! Progress of a study: on standard error as bars in a terminal, else as a line every ten seconds; or passed to a watch. Results are kept
-//! in a journal.
+//! Progress of a study: on standard error, as bars in a terminal, else as a line every ten seconds; or passed to a callback. Results are
+//! kept in a journal.
 
 use std::fmt;
 use std::sync::Arc;

@@ -143,7 +143,7 @@ impl Study<'_> {
     /// Flies the study as [`Self::fly`] does, without a progress bar.
     ///
     /// # Errors
-    /// As [`Self::fly`]; the settings are not checked before the first flight.
+    /// Like [`Self::fly`]; the settings are not checked before the first flight.
     pub fn fly_without_bar(&self, progress: &Progress) -> Result<Vec<Flown>, Failure> {
         self.fly_each(progress, |_| ())
     }

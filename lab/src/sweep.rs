@@ -168,7 +168,7 @@ impl SweepArgs {
         Some(format!("{} at {name}{others}: {warning}", law.name))
     }
 
-    /// Notes on combinations whose loop acts at another rate than the laws are designed for, unless it is so without them.
+    /// Notes on combinations in which the loop runs at a rate for which the laws are not designed, unless it does so without them.
     fn rate_notes(&self, all: &[Vec<toml::Value>], settings: &[Setting]) -> BTreeSet<String> {
         let config = |own: &[Setting]| Config::from_settings(&[settings, own].concat()).ok();
         let note = |own: &[Setting]| config(own)?.rate_warning();

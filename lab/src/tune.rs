@@ -135,8 +135,8 @@ impl TuneArgs {
         self.tune_each(&names, given, (&flights, &output))
     }
 
-    /// Tunes the laws `names`, each into the file `given` or one of its own. A search that finds nothing does not keep the others
-    /// from being made.
+    /// Tunes the laws `names`, each into the file `given` or one of its own. A search that finds nothing does not prevent the other
+    /// searches.
     fn tune_each(
         &self,
         names: &[&str],

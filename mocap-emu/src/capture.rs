@@ -115,7 +115,8 @@ fn correction(times: &[f64], positions: &[Vector3<f64>], k: usize) -> (f64, f64)
     (by_s.clamp(-GREATEST_S, GREATEST_S), squared.sqrt())
 }
 
-/// Shifts `times` by a constant, so that all but a hundredth are before their arrivals, and orders the rest.
+/// Shifts `times` by a constant such that 99 % of them precede their arrivals, then limits the others to their arrivals and keeps all in
+/// order.
 fn settle(times: &mut [f64], arrivals: &[f64]) {
     let mut ahead: Vec<f64> = times.iter().zip(arrivals).map(|(time, at)| time - at).collect();
     ahead.sort_unstable_by(f64::total_cmp);

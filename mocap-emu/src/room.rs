@@ -29,7 +29,7 @@ const WITHOUT_EFFECT: RoomFrame =
 /// Effects of a room, `[mocap.room]`.
 #[derive(Clone, Debug)]
 pub struct Room {
-    /// `None` for effects that draw no numbers.
+    /// Random numbers and drift; `None` for effects without random numbers.
     random: Option<(Generator, Drift)>,
 }
 

@@ -46,7 +46,8 @@ pub fn has_bridge(file: &Path) -> bool {
     is_of_chain(file) || read_config(file).is_some_and(is_named)
 }
 
-/// Command of the flight to which the configuration in `file` belongs; `None` for a daemon started by itself, or if it cannot be read.
+/// Command of the flight to which the configuration in `file` belongs; `None` for a daemon that was started on its own, or if the file
+/// cannot be read.
 pub fn flight_of(file: &Path) -> Option<String> {
     oqtal_config::flight_of(&text_of(file)).map(str::to_owned)
 }

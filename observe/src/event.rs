@@ -162,8 +162,8 @@ pub(crate) fn changed_keys(event: &EventV1) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Instant at which a request was made, which is received at `received_at`; `None` in virtual time, whose instants are not those of the
-/// clock of the machine.
+/// Instant at which a request received at `received_at` was made; `None` in virtual time, whose instants are not those of the machine's
+/// clock.
 pub fn made_at(received_at: Time, event: &EventV1) -> Option<Time> {
     let passed = received_at.since(event.time);
     let is_recent = event.time.is_set() && (Span::ZERO..=RECEIVED_WITHIN).contains(&passed);

@@ -16,7 +16,7 @@ pub use crate::flight_sample::FlightSample;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
-/// Time after the last armed tick in which losses are still counted: one that ends a flight is noticed a little later.
+/// Time after the last armed tick in which losses are still counted: a loss that ends a flight is detected slightly later.
 pub(crate) const COUNTED_AFTER: Span = Span::from_millis(1000);
 
 /// Cause of a flight that the fence held for a time but that landed by itself.
@@ -102,7 +102,7 @@ pub struct PoseArrival {
 pub struct AnswerCounts {
     /// Number of questions \[-\].
     pub questions: u64,
-    /// Number of questions without an answer in time \[-\]: it came late, or there was none.
+    /// Number of questions that were answered late or not at all \[-\].
     pub unanswered: u64,
     /// Number of these for which no law was connected, or the law ended \[-\].
     pub unconnected: u64,
@@ -305,7 +305,7 @@ impl Flight {
         self.samples.iter().filter(|sample| sample.is_armed())
     }
 
-    /// Whether the vehicle did not rise in the first flight, as in a flight that was ended while its motors were being started.
+    /// Whether the vehicle did not rise in the first flight, for example because the flight was ended while the motors were being started.
     pub(crate) fn lacks_take_off(&self) -> bool {
         let Some(first) = self.flights().next() else { return false };
         let is_risen =
@@ -370,7 +370,7 @@ impl Flight {
         began.is_some_and(|tick| tick.is_armed() && tick.telemetry.mission_s > MISSED_ARMING_S)
     }
 
-    /// Whether the daemon only observed, the poses of cameras or of a recording: nothing was flown, and commands were not sent.
+    /// Whether the daemon only observed the poses of cameras or of a recording: no flight took place, and no commands were sent.
     pub fn is_observation(&self) -> bool {
         self.config.safety.observe_only
     }

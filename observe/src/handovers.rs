@@ -24,7 +24,7 @@ pub struct HandoverFigures {
     pub trajectory_ticks: usize,
     /// Ticks of these that the fallback flew \[-\].
     pub fallback_ticks: usize,
-    /// Reason why it flew them from the beginning: no command of the law was good until then; `None` after a hand-over.
+    /// Reason why the fallback flew them from the beginning: no command of the law had been good until then; `None` after a hand-over.
     pub refused: Option<String>,
 }
 

@@ -39,7 +39,7 @@ pub struct InstanceModel {
     pub figures: LoopMonitor,
     /// Greatest [`tracking_error_m`] since the same instant \[m\].
     pub max_error_m: f64,
-    /// Law and trajectory that fly, as told by the daemon; `None` before.
+    /// Law and trajectory that fly, as reported by the daemon; `None` before its first report.
     pub law_and_trajectory: Option<String>,
     /// Events with the time since the observation began, oldest first.
     pub events: VecDeque<(Span, String)>,

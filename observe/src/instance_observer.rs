@@ -13,13 +13,13 @@ use crate::sink::{Reception, Sink};
 /// with lost files are observed until they end.
 const SILENT: Span = Span::from_millis(1500);
 
-/// Observer of the instance at some paths. It takes part in the present run of the instance: the next one, once the files of this one
-/// were removed and its processes have ended.
+/// Observer of the instance at its paths. It joins the present run of the instance, and the next one once the files of this run were
+/// removed and its processes have ended.
 #[derive(Debug)]
 pub struct InstanceObserver {
     paths: InstancePaths,
     topics: Vec<ObservedTopic>,
-    /// `None` only while another run is joined.
+    /// Ports of the present run; `None` only while another run is joined.
     ports: Option<(BusObserver, Bus)>,
     received_at: Time,
 }
@@ -28,7 +28,7 @@ impl InstanceObserver {
     /// Joins the instance at `paths`, and opens a reader for each of `topics`.
     ///
     /// # Errors
-    /// As [`Bus::open`] and [`BusObserver::open`].
+    /// Like [`Bus::open`] and [`BusObserver::open`].
     pub fn open(paths: &InstancePaths, topics: &[ObservedTopic]) -> Result<Self, BusError> {
         let topics = topics.to_vec();
         let (paths, ports, received_at) = (paths.clone(), None, Time::now());
@@ -45,7 +45,7 @@ impl InstanceObserver {
     /// Passes every sample that arrived since the last call to `sink`, as [`BusObserver::poll`].
     ///
     /// # Errors
-    /// As [`InstanceObserver::open`].
+    /// Like [`InstanceObserver::open`].
     pub fn poll(&mut self, now: Time, sink: &mut dyn Sink) -> Result<(), BusError> {
         let mut counting = CountingSink { sink, has_received: false };
         if let Some((observer, _)) = &mut self.ports {
@@ -70,7 +70,7 @@ impl InstanceObserver {
     }
 }
 
-/// A sink that notices samples.
+/// A sink that records whether samples arrived.
 struct CountingSink<'a> {
     sink: &'a mut dyn Sink,
     has_received: bool,

@@ -50,7 +50,7 @@ pub struct Recorder {
     /// Source of the newest truth; `None` before the first.
     truth_source: Option<u64>,
     config_hash: u64,
-    /// Daemons with another configuration than was recorded, and daemons that flew.
+    /// Daemons whose configuration differs from the recorded one; and, in `flew`, daemons that flew.
     other_configs: BTreeSet<u32>,
     flew: BTreeSet<u32>,
     /// Instant of each request, by daemon and number.

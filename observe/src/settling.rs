@@ -26,7 +26,8 @@ pub struct StepSettling {
 }
 
 impl StepSettling {
-    /// Of steps, each with the time from it until its error stays within the limit, or to its last tick \[s\], and its end; `None` without steps.
+    /// Evaluates steps. Each has the time from the step until its error stays within the limit, or until its last tick \[s\], and its end.
+    /// `None` without steps.
     pub(crate) fn of(steps: impl IntoIterator<Item = (f64, StepEnd)>) -> Option<Self> {
         let (mut settle, mut least) = (Statistics::default(), Statistics::default());
         let mut cut_off = 0;
@@ -93,7 +94,7 @@ pub(crate) fn mean(values: &Statistics) -> f64 {
 pub(crate) enum StepEnd {
     /// The error stayed below the limit until the next step, or the end of the trajectory.
     Settled,
-    /// It did not.
+    /// The error did not stay below the limit until then.
     Unsettled,
     /// The flight ended before the trajectory, and the error had not stayed below the limit.
     CutOff,

@@ -147,8 +147,8 @@ impl Flight {
         }
     }
 
-    /// Reason as of [`Flight::shortfall`], without instants and figures, so that flights with the same reason can be counted; `None`
-    /// for a flight that landed as planned.
+    /// Reason, as returned by [`Flight::shortfall`], without instants and figures, so that flights with the same reason can be counted;
+    /// `None` for a flight that landed as planned.
     pub fn cause(&self) -> Option<String> {
         Some(match (self.outcome, self.crash) {
             (Outcome::Landed, _) => match self.early_landing() {
@@ -270,7 +270,7 @@ impl Flight {
         Some(format!("the daemon took over the landing: {cause}"))
     }
 
-    /// Tick in which the daemon took over a landing that was planned or requested, for a cause that asks for more than to land.
+    /// Tick in which the daemon took over a landing that was planned or requested, for a cause that requires more than a landing.
     fn take_over(&self) -> Option<&FlightSample> {
         self.armed().find(|sample| {
             let lands_anyway = matches!(cause_of(sample), Cause::Battery | Cause::Operator);

@@ -38,7 +38,7 @@ impl InstanceStatus {
         (!self.processes.is_empty()).then(|| self.config_hashes().all(|hash| Some(hash) == first))
     }
 
-    /// Hash of the configuration with which the process of `role` runs; `None` if it was not observed, or has one of its own.
+    /// Hash of the configuration with which the process of `role` runs; `None` if it was not observed, or has a separate configuration.
     pub fn config_of(&self, role: Role) -> Option<&str> {
         let process = self.processes.iter().find(|process| process.name == role.name())?;
         process.report.as_ref()?.config_hash.as_deref()
@@ -127,7 +127,7 @@ pub struct ProcessHealth {
 struct HealthReport {
     pid: u32,
     age_ms: f64,
-    /// `None` for an emulated vehicle behind a radio, which has a separate configuration.
+    /// Hash of the configuration; `None` for an emulated vehicle behind a radio, which has a separate configuration.
     config_hash: Option<String>,
     /// Set for the daemon only.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -280,7 +280,7 @@ impl ProcessHealth {
         self.report.is_some() || self.silent.is_some()
     }
 
-    /// Notes the name and id of the process that has this place in the instance; `None` if there is none.
+    /// Records the name and id of the process that has this place in the instance; `None` if there is none.
     pub fn note_holder(&mut self, holder: Option<String>) {
         self.silent = holder.filter(|_| self.report.is_none());
     }

@@ -97,7 +97,7 @@ fn errors(summary: &Summary) -> Option<Table> {
     Some(table)
 }
 
-/// The figures at the corners in two lines: of the position error, how much is the step of the reference, not the law.
+/// The figures at the corners in two lines: the share of the position error that is due to the step of the reference, not to the law.
 fn corners(corners: &CornerFigures) -> String {
     let CornerFigures { settling, step_m, overshoot_m, .. } = corners;
     let (count, settled) = (settling.count, corners.settling_text());
@@ -135,7 +135,7 @@ fn latencies(summary: &Summary) -> Option<Table> {
     (!table.is_empty()).then_some(table)
 }
 
-/// The row of a distribution in a table of latencies.
+/// Row of a latency table: name, then median, 99th and 99.9th percentile and maximum \[us\].
 pub fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
     let spans = [hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
     let micros = spans.map(|nanos| significant(nanos as f64 * 1e-3));

@@ -123,7 +123,7 @@ fn is_in_flight(response: &ControlResponseV1) -> bool {
     Mode::from_code(response.mode).is_some_and(Mode::is_armed)
 }
 
-/// Whether the loop itself reports that it does not fly. An answer in its place repeats the last known mode.
+/// Whether the loop itself reports that it does not fly. An answer given in place of the loop repeats the last known mode.
 fn is_called_off(response: &ControlResponseV1) -> bool {
     response.answer == Answer::Done.code() && response.mode == Mode::Disarmed.code()
 }

@@ -25,7 +25,7 @@ use crate::running::left;
 
 /// Time within which a running daemon answers a request.
 const ANSWER_TIMEOUT: Span = Span::from_millis(300);
-/// Time after which an unanswered request is followed by a signal; opening the bus takes some of it.
+/// Time after which an unanswered request is followed by a signal; opening the bus takes a part of this time.
 const SIGNAL_DELAY: Duration = Duration::from_millis(400);
 /// Ticks that may be older than a signal: the stored one, and one whose turn had begun \[-\].
 const OLDER_TICKS: u32 = 2;
@@ -33,7 +33,7 @@ const OLDER_TICKS: u32 = 2;
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 /// Pause between two requests.
 const REPEAT_PERIOD: Duration = Duration::from_millis(50);
-/// Time after which the command gives up.
+/// Time-out of the command.
 const TIMEOUT: Span = Span::from_millis(950);
 
 /// Answer of the daemon, or its state in flight once it lands; `None` if neither was received.
@@ -43,7 +43,7 @@ type LandingAnswer = Result<Option<ControlResponseV1>, BusError>;
 struct PendingAnswer {
     /// The daemon and its place, as text.
     daemon: String,
-    /// `None` if its root is unknown.
+    /// Receives the daemon's answer; `None` if the daemon's root is unknown.
     answer: Option<Receiver<LandingAnswer>>,
 }
 
@@ -139,8 +139,8 @@ fn request_elsewhere(
     (daemons.iter().map(ask).collect(), lines)
 }
 
-/// Returns `response` or, if there is none or it is a refusal, the first answer from elsewhere that is not: that daemon's vehicle is the
-/// one in flight.
+/// Returns `response` or, if there is none or it is a refusal, the first answer from another root that is not a refusal: the vehicle of
+/// that daemon is the one in flight.
 ///
 /// # Errors
 /// The daemons that were signalled and have not answered until `give_up`, `silent` among them: their vehicles may fly.
@@ -161,8 +161,8 @@ fn combined(
     accepted.copied().filter(|_| silent.is_empty()).ok_or(silent)
 }
 
-/// Failure of a landing that the only daemon of `reached` has not confirmed, or that this command could not ask it about because of
-/// `error`, or of lost files.
+/// Failure of a landing that the only daemon of `reached` has not confirmed, or for which this command could not ask the daemon because of
+/// `error` or of lost files.
 fn unanswered(reached: &Reached, lines: Vec<String>, error: Option<&BusError>) -> Failure {
     let (place, lines) = (reached.paths.flags(), lines.join("\n  "));
     let reason = error.map(ToString::to_string).or_else(|| lost_files(reached));

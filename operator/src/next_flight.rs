@@ -48,7 +48,7 @@ struct NextFlight {
 }
 
 impl NextFlights {
-    /// To be called before the processes end, as those of `oqtal fly` do.
+    /// The commands of the next flight for the processes in `reached`. Called before these end, as those of `oqtal fly` do.
     pub(crate) fn of(reached: &Reached) -> Self {
         let processes = |paths: &InstancePaths| {
             let all = reached.processes.iter();
@@ -75,7 +75,7 @@ impl NextFlights {
         }
     }
 
-    /// Notes the losses of `reached`, the processes that have ended since, and those that run at its paths: a daemon needs their
+    /// Records the losses of `reached`, the processes that have ended since, and those that run at its paths: a daemon needs their
     /// configuration.
     pub(crate) fn note_running(&mut self, reached: &Reached, running: &RunningProcesses) {
         self.note_losses(reached);
@@ -95,8 +95,8 @@ impl NextFlights {
         }
     }
 
-    /// Notes what the `response` of the addressed daemon of `reached` says of the next flight. A daemon without a response hangs unless it
-    /// `obeys`; a running process of the vehicle has not obeyed unless `vehicle_obeys`.
+    /// Records what the `response` of the addressed daemon of `reached` implies for the next flight. A daemon without a response hangs
+    /// unless it `obeys`; a running process of the vehicle has not obeyed unless `vehicle_obeys`.
     pub(crate) fn note_processes(
         &mut self,
         reached: &Reached,
@@ -118,7 +118,7 @@ impl NextFlights {
         }
     }
 
-    /// Notes the instances of `reached` that have lost files.
+    /// Records the instances of `reached` that have lost files.
     pub(crate) fn note_losses(&mut self, reached: &Reached) {
         for flight in &mut self.0 {
             let is_lost = |it: &ObeyingProcess| it.is_under(&flight.paths) && it.has_lost_files();
@@ -161,7 +161,7 @@ impl NextFlight {
         }
     }
 
-    /// Notes the step that the `obstacles` to a take-off require.
+    /// Records the step that the `obstacles` to a take-off require.
     fn note_obstacles(&mut self, obstacles: ArmingObstacles) {
         // Without a process that obeys, the vehicle may answer as soon as there is one.
         let has_process = !self.lacks_vehicle && self.disobedient.is_none();

@@ -59,13 +59,13 @@ impl RaisedStops {
         self.words.is_empty()
     }
 
-    /// Withdraws stops that nobody obeys: they would call off a later flight.
+    /// Withdraws stops that no process obeys, since they would call off a later flight.
     pub(crate) fn withdraw(&self) {
         self.words.iter().for_each(|stop| stop.switch.withdraw(stop.number));
     }
 
-    /// Raises the stop in the words in the directory of the instance; makes them if only processes run that do not obey, since a
-    /// vehicle may be starting. They are taken for those of the vehicle if no others could be raised.
+    /// Raises the stop in the words in the directory of the instance; creates the words if only processes run that do not obey, since a
+    /// vehicle may be starting. If no others could be raised, they count as those of the vehicle.
     pub(crate) fn raise_in(&mut self, paths: &InstancePaths) -> Result<(), BusError> {
         let made = || Bus::open_running(paths)?.map(|bus| bus.stop_switch()).transpose();
         if let Some(switch) = StopSwitch::existing(paths)?.map_or_else(made, |it| Ok(Some(it)))? {

@@ -39,7 +39,7 @@ pub struct Reached {
     address: AddressedInstance,
 }
 
-/// Processes that obey operators, of which no file was read: those of another user that look like ours may hold many.
+/// Processes that obey operators, found without reading a file: processes of another user that look like ours may hold many files.
 #[derive(Debug)]
 pub struct FoundProcesses {
     /// Addressed processes.

@@ -145,7 +145,7 @@ impl ControlReport {
         self
     }
 
-    /// Remedy of a refusal; empty if its cause says it.
+    /// Remedy of a refusal; empty if the cause is sufficient.
     fn remedy(&self, response: &ControlResponseV1, expected: Option<u64>) -> String {
         use OperatorCommand::{Arm, Disarm, Goto, Hover, Resume, Trajectory};
         let is_one_of = |commands: &[OperatorCommand]| {

@@ -34,7 +34,7 @@ pub fn request(
     send(bus, ControlRequestV1::of(command), expected)
 }
 
-/// As [`request`], for a request with a content.
+/// Like [`request`], for a request with a content.
 pub fn send(
     bus: &Bus,
     request: ControlRequestV1,
@@ -43,7 +43,7 @@ pub fn send(
     send_signed(bus, request.by("oqtal"), expected)
 }
 
-/// As [`send`], for a request with its author, and with the end of its validity if it was made before.
+/// Like [`send`], for a request with its author, and with the end of its validity if it was made before.
 pub fn send_signed(
     bus: &Bus,
     request: ControlRequestV1,

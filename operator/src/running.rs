@@ -51,7 +51,7 @@ impl RunningObservation {
 }
 
 impl RunningProcesses {
-    /// Observes the processes of the instance at `paths`; none if nobody runs, on an error, or without a result in time.
+    /// Observes the processes of the instance at `paths`; none if no process runs, on an error, or without a result in time.
     pub(crate) fn observe(paths: &InstancePaths) -> Self {
         Self::beside(paths).newest(Time::now() + TIMEOUT)
     }

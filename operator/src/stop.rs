@@ -77,15 +77,15 @@ pub struct ObeyedStop {
 /// Reason why a stop is not confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Unconfirmed {
-    /// This user may not look at the files of its process.
+    /// This user has no access to the files of the vehicle's process.
     Unreadable,
-    /// Its process has not opened its stop words.
+    /// The vehicle's process has not opened its stop words yet.
     Starting,
-    /// Its process has ended since.
+    /// The vehicle's process has ended since.
     Ended,
-    /// A daemon runs without a process of its vehicle.
+    /// A daemon runs without a process of the vehicle.
     Missing,
-    /// Its process runs, but has not obeyed.
+    /// The vehicle's process runs, but has not obeyed.
     Hangs,
 }
 
@@ -185,8 +185,8 @@ pub fn raise(
     })
 }
 
-/// Prevents an automatic take-off of the next daemon at `place`, also if none runs now; returns a line if that fails. A root that was
-/// removed is the owner's to make again: a running daemon does so when it ends.
+/// Prevents an automatic take-off of the next daemon at `place`, also if none runs now; returns a line if that fails. Only its owner can
+/// create a removed root again; a running daemon does so when it ends.
 fn forbid_automatic(place: &InstancePaths, stop: &ObeyedStop) -> Option<String> {
     if stop.observes_only || !place.root.exists() {
         return None;
@@ -212,7 +212,7 @@ fn raise_words(reached: &mut Reached) -> Result<(RaisedStops, Vec<String>), Fail
     Ok((raised, paths))
 }
 
-/// Failure of a stop that reached nobody; `running` are processes that no stop reaches.
+/// Failure of a stop that reached no process; `running` are processes that no stop reaches.
 fn nobody(reached: &Reached, running: &RunningProcesses) -> Failure {
     let InstancePaths { instance, root } = &reached.paths;
     let not_prevented = "a flight that begins from now on is not prevented";

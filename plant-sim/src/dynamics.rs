@@ -299,7 +299,7 @@ struct Rotors {
     rotor_lag: f64,
     max_speed: f64,
     quadratic_thrust: f64,
-    /// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`.
+    /// Map from squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`.
     mix: Matrix4<f64>,
     /// Inverse of `mix` for intact rotors, as assumed by the on-board loop.
     unmix: Matrix4<f64>,

@@ -50,7 +50,7 @@ pub struct Plant {
     camera: Grid,
     gust: Gust,
     battery: BatteryModel,
-    /// `None` for a vehicle that does not report its rate.
+    /// Model of the gyroscope; `None` for a vehicle that does not report its rates.
     gyroscope: Option<Gyroscope>,
     drift: Vector3<f64>,
     constant_acceleration: Vector3<f64>,
@@ -116,7 +116,7 @@ impl Plant {
         Self { samples_milliseconds: false, ..self }
     }
 
-    /// Removes the gyroscope: for flights in which nobody reads the state of the vehicle. Its draws affect no other number.
+    /// Removes the gyroscope: for flights in which no process reads the state of the vehicle. Its random numbers do not affect any other.
     pub fn remove_gyroscope(&mut self) {
         self.gyroscope = None;
     }

@@ -17,7 +17,7 @@ use crate::state::State;
 /// Height below which the ground effect is constant, over the radius of a rotor \[-\]: the formula is valid down to it.
 const LEAST_HEIGHT: f64 = 0.5;
 
-/// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`. Lift at +y rolls the vehicle about +x.
+/// Map from squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`. Lift at +y rolls the vehicle about +x.
 pub fn mix(rotors: &RotorOptions) -> Matrix4<f64> {
     let (k, d) = (rotors.thrust_coefficient, rotors.torque_coefficient);
     let arm = k * rotors.arm_m;

@@ -34,7 +34,7 @@ pub enum Stepping {
 #[derive(Debug)]
 struct Outputs<T: Transport> {
     truths: T::Writer<TruthV1>,
-    /// `None` for a shadow of a vehicle behind a bridge: there the bridge publishes the vehicle's state.
+    /// Writer of the vehicle's state; `None` for the shadow of a vehicle behind a bridge, whose state the bridge publishes.
     vehicles: Option<T::Writer<VehicleV1>>,
     /// Instant at which the state of the vehicle was last published.
     vehicle_at: Time,

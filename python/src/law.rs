@@ -20,7 +20,7 @@ pub struct PythonLaw {
     object: Py<PyAny>,
     /// The exception that ended the law.
     pub raised: Option<PyErr>,
-    /// Its answers.
+    /// Answers of the law.
     pub tape: LawTape,
 }
 

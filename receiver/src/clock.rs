@@ -1,9 +1,9 @@
 //! Estimate of a camera server's clock: converts its stamps to instants of capture on the monotonic clock of this machine.
 //!
-//! A server stamps its frames with its own clock, which differs from ours by an unknown offset and a drift of some parts per
-//! million. Only the arrivals of stamped frames are observable, each late by an unknown delay. [`ServerClock`] uses the line
-//! below all recent arrivals, [`LowerEnvelope`]: the frames with the shortest delay. The least delay itself cannot be observed at
-//! this end; it is part of `receiver.camera-latency-ms`, which is configured.
+//! A server stamps its frames with its own clock, which differs from ours by an unknown offset and a drift of some parts per million. Only
+//! the arrivals of stamped frames are observable, each late by an unknown delay. [`ServerClock`] uses the line below all recent arrivals,
+//! [`LowerEnvelope`]: the frames with the shortest delay. The least delay itself cannot be observed here; it is part of the configured
+//! `receiver.camera-latency-ms`.
 //!
 //! A frame whose stamp *contradicts* the line (it arrived before it was captured, or its stamp is not after the last one) is
 //! rejected. If contradictions persist, the server's clock was set, and it is estimated again. A longer delay of any duration is
@@ -25,8 +25,8 @@ pub use step::{StepHypothesis, StepWatch};
 const LEARNING_TIME: Span = Span::from_millis(500);
 /// Least number of frames from which a clock is estimated \[-\].
 const LEARNING_FRAMES: u32 = 12;
-/// Least time by which a frame arrives before the line, or by which stamps contract, that means that the server's clock was set; a
-/// shorter one only corrects the line.
+/// Limit of the time by which a frame arrives before the line, or by which stamps contract: from it on the server's clock counts as set; a
+/// shorter time only corrects the line.
 const IMPOSSIBLE: Span = Span::from_millis(25);
 /// Least lowering of the line within a second by which all earlier pairs are discarded.
 const SMALL_STEP: Span = Span::from_millis(1);
@@ -47,7 +47,7 @@ const UNCERTAINTY_FACTOR: f64 = 40.0;
 pub struct CaptureTime {
     /// The instant, never after the arrival.
     pub captured_at: Time,
-    /// Error of the instant that is not exceeded in 99 of 100 frames; the least one-way delay, which cannot be seen, excluded.
+    /// Error of the instant that is not exceeded in 99 of 100 frames, without the least one-way delay, which cannot be observed.
     pub uncertainty: Span,
     /// Delay of this frame beyond the least one.
     pub delay: Span,
@@ -75,14 +75,14 @@ pub struct ClockState {
     pub offset_ns: i64,
     /// Rate of our clock against the server's \[ppm\].
     pub drift_ppm: f64,
-    /// As [`CaptureTime::uncertainty`].
+    /// Like [`CaptureTime::uncertainty`].
     pub uncertainty: Span,
 }
 
 /// Estimator of a server's clock. Pure; bounded work and no allocation for each frame.
 #[derive(Clone, Debug)]
 pub struct ServerClock {
-    /// From the capture to the arrival of the fastest frames.
+    /// Time from the capture to the arrival of the fastest frames.
     latency: Span,
     envelope: LowerEnvelope,
     /// The first pair of the estimate: all others are relative to it, stamp and arrival \[ns\].
@@ -207,8 +207,8 @@ impl ServerClock {
         self.steps.observe(stamp_ns, arrival, delay_ns)
     }
 
-    /// Forgets what is from before a quick lowering of the line: nothing can be faster than the fastest, so that the clock was set
-    /// forward, or the way has become shorter.
+    /// Discards all pairs from before a quick lowering of the line: no frame is faster than the fastest one, so the clock was set forward,
+    /// or the network path has become shorter.
     fn watch_for_lowering(&mut self, before_ns: u64, arrival: Time, ahead_ns: f64) {
         let is_settled = arrival.since(self.settling_since) >= SETTLING_TIME;
         if !self.known || !is_settled || ahead_ns <= 0.0 {

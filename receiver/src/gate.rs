@@ -38,7 +38,7 @@ pub enum FrameRefusal {
     OutOfOrder,
     /// The server's clock is not yet known.
     Learning,
-    /// Its stamp contradicts the server's clock.
+    /// The stamp of the frame contradicts the server's clock.
     Contradiction,
     /// The frame was delayed for too long.
     Late,

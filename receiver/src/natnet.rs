@@ -40,7 +40,7 @@ pub struct NatnetConnection {
     routes: RouteTable,
     definitions: DefinitionSlot,
     count: FrameCount,
-    /// Instant of the next request for the names of the bodies, which may change without notice.
+    /// Instant of the next request for the names of the bodies; the server does not announce their changes.
     next_models: Time,
     buffer: Vec<u8>,
 }
@@ -49,7 +49,7 @@ pub struct NatnetConnection {
 #[derive(Clone, Copy, Debug, Default)]
 struct FrameCount {
     last: Option<i32>,
-    /// Numbers before the last one in a row, each after the one before, and the last of them.
+    /// Run of increasing numbers below `last`: its length \[-\] and its latest number.
     restart_run: (u32, i32),
 }
 
@@ -307,8 +307,8 @@ fn pass_on(
     }
 }
 
-/// The middle of the exposure \[ns, server clock\]. Without a value it is zero: the arrival of their data at the
-/// server, or the time since its start, stand in for it, and their constant delay belongs to the latency of the cameras.
+/// The middle of the exposure \[ns, server clock\]. Cameras without this value send zero: the arrival of their data at the server, or the
+/// time since the server's start, is used instead, and its constant delay is part of the latency of the cameras.
 fn stamp_ns(frame: &NatNetFrame<'_>, clock_hz: u64) -> Option<u64> {
     let times = frame.times();
     let ticks = [times.mid_exposure, times.received].into_iter().find(|ticks| *ticks > 0);

@@ -56,7 +56,7 @@ pub enum ReceiverNote {
     },
     /// The machine was suspended.
     Suspended {
-        /// For how long.
+        /// Duration of the suspension.
         length: Span,
     },
     /// Frames were lost, repeated, out of order, late or damaged in the last seconds.

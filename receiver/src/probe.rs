@@ -1,4 +1,4 @@
-//! The laboratory's check of its cameras: listens to a camera system for some seconds, and says whether it is fit to fly with.
+//! Check of a camera system: listens to it for some seconds and reports whether it is fit to fly with.
 
 mod checks;
 mod figures;

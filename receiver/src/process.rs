@@ -67,7 +67,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// Publishes the poses of a camera system until a stop is requested.
 ///
 /// # Errors
-/// As [`check`]; there is no server or no such body; another process publishes poses; the bus breaks.
+/// Like [`check`]; there is no server or no such body; another process publishes poses; the bus breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let ReceiverParts { mut turn, descriptor, connector, buses: _buses } = open(context)?;
     let clock = LoopClock::polled(descriptor, context.stop.clone());
@@ -87,7 +87,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// Opens the parts of the receiver; frames come from then on.
 ///
 /// # Errors
-/// As [`run`].
+/// Like [`run`].
 pub fn open(context: &ProcessContext) -> Result<ReceiverParts, Failure> {
     let link = link_to_bodies(&context.config)?;
     let buses = open_buses(context, &link)?;

@@ -43,8 +43,8 @@ pub struct QtmConnection {
     buffer: Vec<u8>,
 }
 
-/// Agreement of frames and definitions on the number of bodies. Frames name bodies by their place alone: where the numbers differ,
-/// a place identifies no body.
+/// Agreement of frames and definitions on the number of bodies. Frames identify bodies only by their place: if the numbers differ, a place
+/// does not identify a body.
 #[derive(Clone, Copy, Debug)]
 struct BodyAgreement {
     holds: bool,

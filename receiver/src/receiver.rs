@@ -30,7 +30,7 @@ struct BodyTrack {
     superseded: u64,
 }
 
-/// From frames to poses.
+/// Converts frames of a camera system to poses.
 #[derive(Clone, Debug)]
 pub struct PoseReceiver {
     gates: Vec<GateState>,

@@ -23,7 +23,7 @@ pub struct RefusedBody {
     pub route: usize,
 }
 
-/// The routes of wanted bodies, by the numbers that frames name bodies by.
+/// The routes of wanted bodies, by the numbers that identify bodies in frames.
 #[derive(Clone, Debug, Default)]
 pub struct RouteTable {
     /// Wanted names, a route each; those of all bodies if none was wanted.
@@ -88,8 +88,8 @@ impl RouteTable {
         }
     }
 
-    /// Names or renames a body, for its route alone: nothing is allocated. Of two bodies of one name the first has the route
-    /// until it is renamed.
+    /// Names or renames a body, for its route only; does not allocate. If two bodies have the same name, the first has the route until it
+    /// is renamed.
     pub fn rename(&mut self, key: i64, name: &str) {
         let route = self.wanted.iter().position(|wanted| wanted == name);
         self.waiting = self.waiting.filter(|waiting| waiting.key != key);

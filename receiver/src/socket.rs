@@ -21,8 +21,8 @@ pub fn read_some(stream: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize>
     }
 }
 
-/// Receives one datagram of `server`; 0 if there is none now. Datagrams of other senders are discarded: any host in the network
-/// can send them, and they do not contain poses.
+/// Receives one datagram of `server` and returns its length; 0 if none waits. Datagrams of other senders are discarded: any host in the
+/// network can send them, and they do not contain poses.
 ///
 /// # Errors
 /// The socket is of no use any more.

@@ -24,8 +24,7 @@ pub struct MeasuredBody {
 
 /// Consumer of the frames of a stream.
 pub trait FrameSink {
-    /// A frame has arrived. Frames that one counter numbers and one clock stamps have one gate: all frames of a server, or those
-    /// of one body.
+    /// A frame has arrived. Frames with a common counter and clock have a common gate: all frames of a server, or those of one body.
     fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time);
 
     /// A body of the frame that arrived last at this gate.
@@ -49,7 +48,7 @@ pub trait CameraStream: Debug + Send {
     /// The connection is lost.
     fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()>;
 
-    /// Sends what is due, such as a sign of life.
+    /// Sends the messages that are due, such as a keep-alive message.
     ///
     /// # Errors
     /// The connection is lost.

@@ -1,4 +1,4 @@
-//! From the axes of a camera system to those of the world, and from the frame of the markers to that of the body.
+//! Transforms poses from the axes of a camera system to those of the world, and from the frame of the markers to that of the body.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use oqtal_config::{ReceiverOptions, UpAxis};

@@ -1,5 +1,5 @@
 //! One turn of the receiver over its ports: read the sockets, publish the newest pose of each body. No call blocks or logs, and none
-//! allocates while the connection stands.
+//! allocates while the connection is open.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -85,7 +85,7 @@ pub struct ReceiverTurn<T: Transport> {
 /// Parts of a [`ReceiverTurn`].
 #[derive(Debug)]
 pub struct TurnParts {
-    /// From frames to poses.
+    /// Converter of frames to poses.
     pub receiver: PoseReceiver,
     /// The sockets that wake the loop.
     pub sockets: SocketSet,

@@ -16,9 +16,9 @@ use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
 
 /// Size of the read buffer \[bytes\].
 const BUFFER: usize = 65_536;
-/// Most reads of one turn \[-\].
+/// Maximum number of reads in one turn \[-\].
 const MAX_READS: usize = 16;
-/// Names that do not come within this time after the greeting are not there.
+/// Time after the greeting within which the server must send a name; a tracker without one counts as missing.
 const NAMING_TIME: Span = Span::from_millis(800);
 /// Time between two keep-alive messages.
 const PING_PERIOD: Span = Span::from_millis(1000);
@@ -67,7 +67,7 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
 }
 
 impl VrpnConnection {
-    /// Blocks until the server has greeted and named the wanted trackers, or says no more names.
+    /// Blocks until the server has greeted and named the wanted trackers, or sends no more names.
     fn shake_hands(&mut self, attempt: &Attempt) -> Result<(), ConnectError> {
         let Self { client, socket, .. } = self;
         let sent = client.flush(|output| socket.write_all(output));

@@ -31,7 +31,7 @@ struct ClockWatch {
 pub struct ReceiverWatch {
     next_trouble: Time,
     receiving: bool,
-    /// Of each gate.
+    /// State of each gate's clock.
     clocks: Vec<ClockWatch>,
     /// Whether each body has its own gate.
     has_own_gates: bool,
@@ -55,7 +55,8 @@ impl ReceiverWatch {
         }
     }
 
-    /// Notes what has changed. `gates` of the receiver are in use, `has` says whether the server has the body of a route.
+    /// Records what has changed since the last call. `gates` of the receiver are in use, `has` says whether the server has the body of a
+    /// route.
     pub fn look(
         &mut self,
         now: Time,

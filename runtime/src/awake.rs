@@ -1,5 +1,5 @@
-//! Busy polling for an expected arrival. A process that sleeps takes some tens of microseconds to wake; one that polls meanwhile has
-//! the arrival at once, for a part of a processor's time.
+//! Busy polling for an expected arrival. A sleeping process takes some tens of microseconds to wake; a polling one detects the arrival at
+//! once, at the cost of processor time.
 
 use std::thread::available_parallelism;
 

@@ -88,7 +88,7 @@ impl ProcessContext {
         self.enter_realtime_as(self.role);
     }
 
-    /// As [`Self::enter_realtime`], with the priority of the loop of `role`.
+    /// Like [`Self::enter_realtime`], with the priority of the loop of `role`.
     pub fn enter_realtime_as(&self, role: Role) {
         if self.config.clock.kind != ClockKind::Real {
             return;

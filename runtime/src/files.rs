@@ -10,7 +10,7 @@ use rustix::fs::OFlags;
 /// Maximum length of a secret \[bytes\].
 const LONGEST_SECRET: u64 = 1024;
 
-/// Makes a directory that only this user can access.
+/// Creates a directory that only this user can access.
 ///
 /// # Errors
 /// The name exists already, or the directory cannot be made.
@@ -63,11 +63,11 @@ fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     })
 }
 
-/// Checks that [`create`] will be able to write a file; its content is kept. A pipe is not opened: its reader would take the end
-/// of the check for the end of the file.
+/// Checks that [`create`] will be able to write a file; its content is kept. A pipe is not opened: its reader would interpret the end of
+/// the check as the end of the file.
 ///
 /// # Errors
-/// As [`create`].
+/// Like [`create`].
 pub fn check_writable(path: &Path) -> io::Result<()> {
     if path.symlink_metadata().is_ok_and(|found| found.file_type().is_fifo()) {
         return Ok(());
@@ -91,7 +91,7 @@ pub fn identity(path: &Path) -> Option<(u64, u64)> {
     std::fs::symlink_metadata(path).ok().map(|file| (file.dev(), file.ino()))
 }
 
-/// Removes the file at `path` if it is the one of this [`identity`]: another process may have made a file of its own there.
+/// Removes the file at `path` if it is the one of this [`identity`]: another process may have created its own file there.
 pub fn remove_same(path: &Path, file: Option<(u64, u64)>) {
     if identity(path) == file {
         let _ = std::fs::remove_file(path);
@@ -102,7 +102,7 @@ pub fn remove_same(path: &Path, file: Option<(u64, u64)>) {
 /// is left. A link is not followed; a pipe or a device is written directly.
 ///
 /// # Errors
-/// As [`create`], or the disk is full.
+/// Like [`create`], or the disk is full.
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let found = path.symlink_metadata().ok();
     if found.as_ref().is_some_and(|found| !found.is_file()) {
@@ -124,14 +124,14 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     written.inspect_err(|_| drop(std::fs::remove_file(&draft)))
 }
 
-/// Gives `file` the owner, if this user may, and the permissions of the file that it replaces.
+/// Sets the owner of `file`, if this user is permitted to, and its permissions to those of the file that it replaces.
 fn keep_access(file: &File, found: &std::fs::Metadata) -> io::Result<()> {
     // Ignored: only root may give a file away.
     let _ = std::os::unix::fs::fchown(file, Some(found.uid()), Some(found.gid()));
     file.set_permissions(found.permissions())
 }
 
-/// Makes a new file beside `path`, to be renamed to it.
+/// Creates a new file beside `path`, to be renamed to it.
 fn create_draft(path: &Path) -> io::Result<(PathBuf, File)> {
     let mut number = 0_u32;
     loop {

@@ -1,6 +1,7 @@
 //! Flight markers: files in the root of an instance that a daemon leaves to the next one. `NAME.armed-at-start` prevents an automatic
-//! take-off after a Stop, and after a daemon was killed, also by its watchdog: while a daemon that may take off automatically runs, it exists,
-//! and only an end in good order, without a stop that no `arm` has ended, removes it. `NAME.in-flight` exists during a flight.
+//! take-off after a Stop, and after a daemon was killed, by its watchdog or otherwise. It exists while a daemon that may take off
+//! automatically runs, and is removed only by an orderly end without a stop that no `arm` has ended. `NAME.in-flight` exists during a
+//! flight.
 
 use std::fs::File;
 use std::io::{self, ErrorKind};
@@ -52,7 +53,7 @@ impl FlightMarker {
         }
     }
 
-    /// Sets the marker for the daemon that begins; `false` if it is set already, or cannot be made: then an operator has to arm.
+    /// Sets the marker for the daemon that begins; `false` if it is set already or cannot be created; an operator then has to arm.
     pub fn claim(&self) -> bool {
         let (path, flags) = (self.path.display(), &self.flags);
         match File::create_new(&self.path) {

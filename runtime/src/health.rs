@@ -40,9 +40,9 @@ pub enum MotorActivity {
     /// The process controls no motors, or does not know their state.
     #[default]
     Unreported = 0,
-    /// They run, or may run.
+    /// The motors run, or may run.
     MayRun = 1,
-    /// They are off.
+    /// The motors are off.
     Off = 2,
 }
 
@@ -55,7 +55,7 @@ pub(crate) struct HealthSample {
     pub inputs: u64,
     /// Outputs published so far \[-\].
     pub outputs: u64,
-    /// Polls so far of the background thread, 0 without one, and of those of the parts \[-\].
+    /// Polls so far by the background thread, 0 without one, followed by those of the parts' threads \[-\].
     pub polls: Vec<u64>,
     /// State of the motors after the last turn.
     pub motors: MotorActivity,

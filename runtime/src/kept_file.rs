@@ -1,4 +1,4 @@
-//! Files of a running process in the directory of its instance, by which other processes find it. A removed file is made again.
+//! Files of a running process in the directory of its instance, by which other processes find it. A removed file is created again.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use crate::files::{self, identity};
 /// Time between two checks of a file.
 const CHECK_PERIOD: Span = Span::from_millis(300);
 
-/// A file that is made again if it is missing, in the directory in which it was made. A file that another process has put in its place
-/// stays.
+/// A file that is created again if it is missing, in the directory in which it was created. A file that another process has put in its
+/// place is kept.
 #[derive(Debug)]
 pub struct KeptFile {
     path: PathBuf,
@@ -78,7 +78,7 @@ impl KeptFile {
         }
     }
 
-    /// Whether the file must be made again at `now`, since it is missing or could not be made. It is checked every 300 ms.
+    /// Whether the file must be created again at `now`, because it is missing or could not be created. Checked every 300 ms.
     pub fn is_due(&mut self, now: Time) -> bool {
         if now < self.next {
             return false;

@@ -27,7 +27,7 @@ use oqtal_config::Config;
 #[derive(Debug)]
 pub struct LoopClock {
     clock: Clock,
-    /// When to wait awake; `None` for never, as in virtual time.
+    /// Interval in which the loop waits by polling; `None` for none, as in virtual time.
     awake: Option<AwakeInterval>,
     stop: StopFlag,
     health: Health,

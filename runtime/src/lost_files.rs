@@ -101,8 +101,8 @@ struct Departure {
 }
 
 impl Departure {
-    /// Reports the loss of `file`, and requests a landing from the loop of a daemon. `whole_at` is the last instant at which all files were
-    /// there.
+    /// Reports the loss of `file`, and requests a landing from the loop of a daemon. `whole_at` is the last instant at which all files
+    /// existed.
     fn begin(
         context: &ProcessContext,
         (instance, file): (&WatchedInstance, &LostFile),

@@ -94,7 +94,7 @@ pub fn connect(path: &Path) -> io::Result<OwnedFd> {
     Ok(socket)
 }
 
-/// Whether the process at the other end holds the connection open.
+/// Whether the peer process holds the connection open.
 pub fn is_connected(connection: &OwnedFd) -> bool {
     let mut polled = [PollFd::new(connection, PollFlags::RDHUP)];
     let none = Timespec { tv_sec: 0, tv_nsec: 0 };

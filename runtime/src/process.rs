@@ -32,7 +32,7 @@ pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> 
     execute_as(role.name(), role, command, (job, check))
 }
 
-/// As [`execute`], for a process that `oqtal` calls `name` and that has the place of `role`.
+/// Like [`execute`], for a process that `oqtal` calls `name` and that has the place of `role`.
 pub fn execute_as(
     name: &str,
     role: Role,

@@ -105,7 +105,7 @@ pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
     failure.exit.into()
 }
 
-/// Prints a line of results on standard output. A closed pipe is not an error: its reader needs no more lines.
+/// Prints a line of results on standard output. A closed pipe does not count as an error: its reader does not need further lines.
 ///
 /// # Errors
 /// The output cannot be written, as on a full disk.

@@ -1,5 +1,5 @@
-//! Opening of a lost port or connection: attempts after growing pauses, each on a thread of its own. An attempt may block for longer
-//! than the watchdog of the service waits for a poll of the background thread.
+//! Opening of a lost port or connection: attempts after growing pauses, each on a separate thread, because an attempt may block for longer
+//! than the service's watchdog allows the background thread.
 
 use std::fmt::Display;
 use std::thread;

@@ -2,9 +2,9 @@
 //!
 //! A separate thread sends them, never the loop. The thread is not started without a service manager.
 //!
-//! The watchdog is triggered while the process is healthy: its loop turns, its background thread polls, but for a flight, and it has output (the
-//! daemon publishes commands, the simulator the truth, the cameras poses while the vehicle is in view; the bridge writes
-//! set-points). A late loop does not end a process in flight: it is a safety state.
+//! The watchdog is triggered while the process is healthy: its loop turns, its background thread polls (in flight this does not matter),
+//! and it has output (the daemon publishes commands, the simulator the truth, the cameras poses while the vehicle is in view; the bridge
+//! writes set-points). A late loop does not end a process in flight; it only changes the safety state.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;

@@ -12,10 +12,10 @@ use crate::wrapping::{folded, wrapped};
 const LABEL_WIDTH: u16 = 10;
 const CHART_LABEL_WIDTH: u16 = 14;
 
-/// Height of the terminal over the greatest one of the title \[-\].
+/// Height of the terminal over the maximum height of the title \[-\].
 const TITLE_SHARE: u16 = 6;
 
-/// A quantity over time: name, curve, least upper limit of the scale, digits.
+/// Chart of a quantity over time: name, curve, minimum of the scale's upper limit, number of digits.
 struct Chart<'a>(&'static str, &'a Trend, f64, usize);
 
 /// Draws `model` in a terminal of this many columns and rows.

@@ -37,8 +37,8 @@ pub struct Keyboard {
 }
 
 impl Keyboard {
-    /// Takes the bytes of one or more keys received at `now`; no bytes mean the end of the input. Control keys quit and stop in a
-    /// request too. The letter S is a letter there, and in a text: pasted text arrives in long parts, of which the last may be a
+    /// Takes the bytes of one or more keys received at `now`; no bytes mean the end of the input. Control keys quit and stop even while a
+    /// request is typed. S is an ordinary letter in a request and in pasted text, which arrives in long parts, of which the last may be a
     /// single S, and must not stop a flight.
     pub fn take(&mut self, bytes: &[u8], now: Time) -> Option<Key> {
         let is_pasted = now.since(std::mem::replace(&mut self.last_at, now)) < PASTE_GAP;

@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 /// Importance of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weight {
-    /// As expected, and worth showing.
+    /// Expected, and highlighted.
     Good,
     /// A value.
     Plain,

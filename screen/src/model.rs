@@ -44,7 +44,7 @@ pub struct MonitorModel {
 pub struct ShownAnswer {
     /// Whether it answers `arm`, so that the flight that begins next belongs to it.
     is_of_arm: bool,
-    /// Its time of day and its text.
+    /// Time of day and text of the answer.
     pub text: String,
 }
 
@@ -81,7 +81,7 @@ impl MonitorModel {
         self.answer = Some(ShownAnswer { is_of_arm: answer.is_of_arm && !is_armed, ..answer });
     }
 
-    /// Forgets the answer if the tick belongs to another flight or another daemon.
+    /// Removes the answer if the tick belongs to another flight or another daemon.
     fn forget_answer(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let (source, is_armed) = (reception.header.source, telemetry.is_armed());
         let before = self.daemon.replace((source, is_armed));

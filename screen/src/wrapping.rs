@@ -1,6 +1,7 @@
 //! Texts in lines of limited width.
 
-/// `text` in lines of at most `width` characters, broken at spaces, and inside a word that is longer \[cells\]; one line at least.
+/// Breaks `text` into lines of at most `width` characters, at spaces, or inside a word that is longer than a line \[cells\]. Returns at
+/// least one line.
 pub fn wrapped(text: &str, width: u16) -> Vec<String> {
     let width = usize::from(width.max(1));
     let mut lines = vec![String::new()];
@@ -28,7 +29,7 @@ pub fn wrapped(text: &str, width: u16) -> Vec<String> {
     lines
 }
 
-/// As [`wrapped`], in at most `rows` lines, at least one: the last one has all the rest.
+/// Wraps like [`wrapped`], into at most `rows` lines, but at least one; the last line contains the rest of the text.
 pub fn folded(text: &str, width: u16, rows: u16) -> Vec<String> {
     let mut lines = wrapped(text, width);
     let kept = usize::from(rows.max(1)) - 1;

@@ -61,7 +61,7 @@ impl FlightDirectory {
         Self::create_or_replace(given, config)
     }
 
-    /// As [`FlightDirectory::create`]; replaces the files of a flight that the directory contains. Those that this flight may not
+    /// Like [`FlightDirectory::create`]; replaces the files of a flight that the directory contains. Those that this flight may not
     /// write, as recording and logs, are removed.
     ///
     /// # Errors

@@ -21,7 +21,7 @@ pub enum Content {
     Request {
         /// The command.
         command: String,
-        /// Its arguments.
+        /// Arguments of the command.
         arguments: Vec<String>,
     },
 }

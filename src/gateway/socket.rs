@@ -41,7 +41,7 @@ pub trait GatewaySocket: Sync {
     /// The operating system refuses.
     fn receive(&self, datagram: &mut [u8]) -> Result<Incoming, Failure>;
 
-    /// Waits until a datagram comes, for a while.
+    /// Waits until a datagram arrives, with a time-out.
     fn wait(&self);
 
     /// Sends `text` to `sender`; nothing if it has no address or does not receive.
@@ -71,13 +71,13 @@ pub struct Received {
 /// Sender of a datagram.
 #[derive(Debug)]
 pub struct Sender {
-    /// Where it receives replies.
+    /// Address at which the sender receives replies.
     pub address: Option<SenderAddress>,
-    /// Process on this machine; 0 for one of the network, or of a container whose processes cannot be seen.
+    /// Process id on this machine; 0 for a sender on the network, or in a container whose processes cannot be seen.
     pub process: u32,
-    /// Its user; [`NO_USER`] for one of the network.
+    /// User id of the process; [`NO_USER`] for a sender on the network.
     pub user: u32,
-    /// Program; of process 0 its address, empty for none.
+    /// Name of the program; for process 0 its address, empty without one.
     pub program: String,
 }
 
@@ -176,7 +176,7 @@ impl UnixGateway {
         self.bound.lock().unwrap_or_else(PoisonError::into_inner).sockets.clone()
     }
 
-    /// Makes the file again if it was removed.
+    /// Creates the file again if it was removed.
     fn renew(&self) {
         let mut present = self.bound.lock().unwrap_or_else(PoisonError::into_inner);
         let BoundSockets { file, sockets } = &mut *present;
@@ -220,7 +220,7 @@ impl UnixGateway {
     }
 }
 
-/// Waits until one of `sockets` has a datagram, for a while.
+/// Waits until one of `sockets` has a datagram, with a time-out.
 pub fn wait_for_datagram(sockets: &[impl AsFd]) {
     let poll_fd = |socket| PollFd::from_borrowed_fd(AsFd::as_fd(socket), PollFlags::IN);
     let mut polled: Vec<_> = sockets.iter().map(poll_fd).collect();

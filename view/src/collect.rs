@@ -145,7 +145,7 @@ impl Collector {
         self.waiting.last().or(self.last.as_ref())
     }
 
-    /// Forgets the ticks of a daemon in virtual time, whose successor has begun: rows are in the order of time.
+    /// Discards the ticks of a daemon in virtual time once its successor has begun, since rows are in the order of time.
     fn begin_again(&mut self) {
         self.waiting.clear();
         self.collected = Collected::default();

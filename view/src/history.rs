@@ -40,8 +40,8 @@ impl<T: Copy> Thinned<T> {
 }
 
 impl History {
-    /// Adds collected rows and events. Time that begins again is that of another daemon: what was before is forgotten, as the page
-    /// does, which searches its rows by time.
+    /// Adds collected rows and events. If the time restarts, it is that of another daemon: earlier rows are discarded, as on the page,
+    /// which searches its rows by time.
     pub fn add(&mut self, collected: &Collected) {
         let begins_again =
             |first: &TickRow| self.ticks.rows.back().is_some_and(|last| first[0] < last[0]);

@@ -43,7 +43,7 @@ pub struct LiveStatus {
     silence_s: Option<f64>,
     /// Time since the newest vehicle message was received \[s\]; `None` before the first.
     vehicle_silence_s: Option<f64>,
-    /// Law and trajectory that fly, as told by the daemon; `None` before.
+    /// Law and trajectory that fly, as reported by the daemon; `None` before its first report.
     flown: Option<String>,
 }
 

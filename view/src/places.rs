@@ -7,11 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Class of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConnectionClass {
-    /// The request is not complete.
+    /// The request is not complete yet.
     Unread,
-    /// The request was without the token.
+    /// The request did not contain the token.
     Anonymous,
-    /// The request was with the token.
+    /// The request contained the token.
     TokenHolder,
 }
 

@@ -93,7 +93,7 @@ impl Site {
         Self { access, scene: Mutex::new(json(scene)), subject }
     }
 
-    /// Shows the subject in another `scene`; open pages load it when they notice that the daemon runs with another configuration.
+    /// Shows the subject in another `scene`; open pages load it when they detect that the daemon runs with another configuration.
     pub fn change_scene(&self, scene: &SceneDescription) {
         *self.scene.lock().unwrap_or_else(PoisonError::into_inner) = json(scene);
     }

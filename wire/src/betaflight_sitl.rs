@@ -4,8 +4,8 @@
 //! four numbers of 32 bits, to port 9002. In the state, body rates are in axes x forward, y right, z down, and the specific force has
 //! the opposite sign.
 //!
-//! The firmware scales its clock by the time stamps of the states, each of which may arrive late or at once with another: the stamp
-//! is zero in all of them, with which its clock is the machine's.
+//! The firmware scales its clock by the time stamps of the states, each of which may arrive late, or together with another. All stamps are
+//! therefore zero; the firmware then uses the machine's clock.
 
 use crate::bytes::{ByteOrder, ByteReader};
 

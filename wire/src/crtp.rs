@@ -1,5 +1,5 @@
-//! CRTP, the protocol of the Crazyflie: packets of one header byte and up to 30 bytes, little endian, over a Crazyradio or, with
-//! firmware in the loop, one packet a datagram.
+//! CRTP, the protocol of the Crazyflie: packets of one header byte and up to 30 bytes, little endian, over a Crazyradio or, with firmware
+//! in the loop, one packet per datagram.
 //!
 //! | port, channel | host to vehicle | vehicle to host |
 //! |---|---|---|

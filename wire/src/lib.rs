@@ -1,5 +1,5 @@
-//! Wire formats between oqtal and a vehicle or a camera system, for both ends: the bridge and the receiver are clients, emulated
-//! vehicles and cameras the other end.
+//! Wire formats between oqtal and a vehicle or a camera system, for both ends: the bridge and the receiver on one side, emulated vehicles
+//! and cameras on the other.
 //!
 //! Pure: no I/O, clock or thread. A format has two layers:
 //!

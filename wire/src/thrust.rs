@@ -1,4 +1,4 @@
-//! From a share of the vehicle's greatest thrust to the thrust or throttle of a set-point.
+//! Conversion of a share of the vehicle's greatest thrust to the thrust or throttle of a set-point.
 
 use crate::interpolation::interpolate;
 

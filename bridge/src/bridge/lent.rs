@@ -12,7 +12,8 @@ impl Bridge {
         self.is_setpoint_due(now) || self.emergency_stop_waits || !self.outbox.is_empty()
     }
 
-    /// The window in which the next flight command, the first after the newest one, would be written as it comes; `None` if it would not.
+    /// The window in which the next flight command, the first after the newest one, would be written as soon as it arrives; `None` if it
+    /// would not.
     pub fn flight_window(&self, now: Time) -> Option<[Time; 2]> {
         let may_fly = self.flies && self.gate.is_flying() && self.is_answering(now);
         let is_free = !self.zero_first && !self.emergency_stop_waits && !self.outbox.is_blocked();

@@ -69,8 +69,8 @@ impl Bridge {
         }
     }
 
-    /// Time of a set-point on the wire, and from there to its effect. A network has no rate by which its bytes leave: the time is
-    /// measured there, and is a part of the latency that is configured.
+    /// Time of a set-point on the wire, and from there to its effect. A network has no byte rate: the time on it is measured, and is part
+    /// of the configured latency.
     fn on_its_way(&self, on_wire: Span) -> (Span, Span) {
         match self.monitor.one_way().filter(|_| self.transport.byte_rate().is_none()) {
             Some(measured) => (measured, (self.air - measured).max(Span::ZERO)),

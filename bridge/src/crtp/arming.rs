@@ -1,10 +1,9 @@
 //! Starting and stopping the motors of a Crazyflie.
 //!
-//! A vehicle that arms automatically is never disarmed: its motors do not run while no thrust is commanded, and the bridge itself
-//! keeps account of whether they run for it. One that counts as flying without thrust of the bridge flies for another host. Any other
-//! vehicle is armed and disarmed. The firmware takes disarming within two seconds
-//! after the last thrust for an accident and locks the vehicle; therefore the zero set-point is sent until the vehicle no longer
-//! counts as flying.
+//! A vehicle that arms automatically is never disarmed: its motors do not run while no thrust is commanded, and the bridge itself tracks
+//! whether they run because of its commands. A vehicle that counts as flying without thrust from the bridge is flown by another host. Any
+//! other vehicle is armed and disarmed. The firmware takes disarming within two seconds after the last thrust for an accident and locks the
+//! vehicle; therefore the zero set-point is sent until the vehicle no longer counts as flying.
 
 use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};

@@ -5,7 +5,7 @@
 //!  Greeting ▸ Version ▸ Reset of logging ▸ Table of log variables ▸ Table of parameters ▸ Parameters ▸ Blocks made, started ▸ Ready
 //! ```
 //!
-//! A vehicle that is restarted has other parameters and no log blocks: when its reports stay away, the connection begins again.
+//! A vehicle that is restarted has other parameters and no log blocks: when its reports stop, the connection begins again.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{
@@ -101,7 +101,7 @@ impl CrtpConnection {
         self.step == Step::Ready
     }
 
-    /// Whether the vehicle's firmware cannot be flown: its protocol is too old, or it lacks what a flight needs.
+    /// Whether the vehicle's firmware cannot be flown: its protocol is too old, or it lacks a variable or parameter that a flight needs.
     pub fn is_unusable(&self) -> bool {
         self.step == Step::Unusable
     }

@@ -20,7 +20,7 @@ pub struct KnownElement {
 /// Entries of one table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KnownTable {
-    /// Which of the vehicle's tables.
+    /// Kind of the table.
     pub table: TableKind,
     /// CRC of the table \[-\].
     pub crc: u32,
@@ -29,7 +29,7 @@ pub struct KnownTable {
 }
 
 impl KnownTable {
-    /// Table that is not known at all.
+    /// Table of which nothing is known yet.
     pub fn new(table: TableKind, crc: u32) -> Self {
         Self { table, crc, elements: [None; MAX_NAMES] }
     }

@@ -32,8 +32,8 @@ const HEARTBEAT_MESSAGE: u32 = 0;
 /// Longest time between a request and its answer.
 const SYNC_WITHIN: Span = Span::from_millis(100);
 
-/// Messages whose rates are requested, and their period \[us\]. The heartbeat reports mode and motors, and therefore the actions of
-/// a pilot; the attitude contains the body rate, by which poses are checked.
+/// Messages whose rates are requested, and their period \[us\]. The heartbeat reports mode and motors, and therefore the actions of a
+/// pilot; the attitude contains the body rate, against which poses are checked.
 const RATES: [(u32, u32); 4] = [(0, 50_000), (1, 500_000), (32, 50_000), (31, 20_000)];
 /// Flags of the estimator: EKF_STATUS_REPORT and ESTIMATOR_STATUS.
 const ESTIMATOR: [(AutopilotKind, u32); 2] =

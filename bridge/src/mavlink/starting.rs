@@ -12,7 +12,7 @@ use crate::protocol::VehicleReply;
 const STREAM_FIRST: Span = Span::from_millis(1500);
 /// Pause between set-points that ends a stream of them.
 const STREAM_GAP: Span = Span::from_millis(300);
-/// Time within which an answer comes.
+/// Time-out of an answer.
 const ANSWER_WITHIN: Span = Span::from_millis(250);
 /// Pause after a refusal.
 const AFTER_REFUSAL: Span = Span::from_millis(600);
@@ -33,7 +33,7 @@ pub(super) struct StartSequence {
 }
 
 impl StartSequence {
-    /// Forgets everything: a port was opened, another has control, or the vehicle was restarted.
+    /// Resets the sequence after a port was opened, another has taken control, or the vehicle was restarted.
     pub(super) fn reset(&mut self) {
         *self = Self::default();
     }

@@ -1,4 +1,4 @@
-//! State of the autopilot at the other end: address, firmware, mode, motors, estimate.
+//! State of the autopilot to which the bridge is connected: address, firmware, mode, motors, estimate.
 
 use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
 use oqtal_bus::text::ShortText;
@@ -13,10 +13,10 @@ use crate::protocol::{ReportedMotors, VehicleEstimate, VehicleReply, VehicleText
 
 /// Time without an estimator's flags after which the estimator is unknown.
 const FLAGS_AGE: Span = Span::from_millis(3000);
-/// Time without a heartbeat after which another autopilot may take the vehicle's place: an autopilot that sent one heartbeat does not
-/// exclude the vehicle.
+/// Heartbeat time-out of the selected autopilot; after it, another one can be selected. An autopilot that sent a single heartbeat thus does
+/// not lock the vehicle out.
 const ABSENT: Span = Span::from_millis(3000);
-/// Step back of the vehicle's clock by which a restart is noticed \[ms\].
+/// Backward step of the vehicle's clock that counts as a restart \[ms\].
 const RESTART_MS: u32 = 2000;
 
 /// Autopilot that was selected by its heartbeat.
@@ -59,7 +59,7 @@ pub(super) struct AutopilotState {
 }
 
 impl AutopilotState {
-    /// State before the first heartbeat of an autopilot of this kind and system; any, where they are `None`.
+    /// State before the first heartbeat of an autopilot of this kind and system; `None` stands for any.
     pub(super) fn new(required_kind: Option<AutopilotKind>, required_system: Option<u8>) -> Self {
         Self {
             required_kind,
@@ -72,7 +72,7 @@ impl AutopilotState {
         }
     }
 
-    /// Forgets the autopilot.
+    /// Discards the selected autopilot and its state.
     pub(super) fn reset(&mut self) {
         *self = Self::new(self.required_kind, self.required_system);
     }

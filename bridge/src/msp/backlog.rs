@@ -12,7 +12,7 @@ const LOST_AFTER: Span = Span::from_millis(100);
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Backlog {
     waiting: u8,
-    /// Number of set-points sent after the last request of the status, whose reply shows that all before were executed or lost.
+    /// Number of set-points sent after the last status request, whose reply shows that all earlier ones were executed or lost.
     after_status: u8,
     /// Last reply, or the first set-point that waits.
     since: Option<Time>,

@@ -171,7 +171,7 @@ impl MspField {
 pub struct ArmingSwitch {
     /// Index of the auxiliary channel, from 0 \[-\].
     pub channel: usize,
-    /// Its values while the motors are to run, and while not \[us\].
+    /// Values of the channel for running motors, and for stopped ones \[us\].
     pub values: [u16; 2],
 }
 
@@ -264,8 +264,8 @@ impl MspSettings {
         modes.map(|(bit, mode)| (1 << bit, *mode))
     }
 
-    /// Whether the vehicle's receiver is MSP, so that its failsafe acts when set-points end. With MSP override it watches the pilot's
-    /// receiver instead.
+    /// Whether the vehicle's receiver is MSP, so that its failsafe acts when set-points end. With MSP override the failsafe depends on the
+    /// pilot's receiver instead.
     pub fn has_msp_receiver(&self) -> bool {
         self.features() & RX_MSP != 0
     }

@@ -11,7 +11,7 @@ use oqtal_wire::link::RadioSpec;
 pub struct RadioAck {
     /// Whether the vehicle acknowledged it.
     pub is_acknowledged: bool,
-    /// How often the radio repeated it \[-\].
+    /// Number of times that the radio repeated the packet \[-\].
     pub repeated: u32,
     /// Payload of the vehicle's acknowledgement.
     pub reply: Option<CrtpPacket>,

@@ -41,7 +41,7 @@ struct Waiting {
 pub struct RadioCounts {
     /// Packets sent \[-\].
     pub sent: u64,
-    /// Of those, acknowledged \[-\].
+    /// Packets sent and acknowledged \[-\].
     pub acknowledged: u64,
     /// Set-points sent \[-\].
     pub setpoints: u64,

@@ -21,7 +21,8 @@ use crate::link::PortOpenError;
 const LONGEST_WAIT: Span = Span::from_millis(20);
 /// Most packets read from one bridge in one turn, including those of other senders \[-\].
 const MAX_READS: usize = 8;
-/// Time without a packet of its bridge after which another may take a vehicle: a bridge sends a set-point in every period.
+/// Time without a packet of a vehicle's bridge after which another bridge can take over the vehicle. A bridge that works sends a set-point
+/// in every period.
 const BRIDGE_SILENCE: Span = Span::from_millis(1000);
 
 /// Vehicle on a shared radio, as `80/2M/E7E7E7E701@127.0.0.1:19851`.
@@ -33,7 +34,7 @@ pub struct SharedVehicle {
     pub address: SocketAddr,
 }
 
-/// How vehicles share a radio.
+/// Options of a radio that several vehicles share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RadioShareOptions {
     /// Greatest rate of packets other than set-points to each vehicle \[1/s\].

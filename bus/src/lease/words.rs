@@ -22,9 +22,9 @@ const SPOILT: u32 = 3;
 /// State of a port that its owner closed to the tenant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClosedPort {
-    /// It was closed before.
+    /// The port was closed before.
     Before,
-    /// It was offered: the tenant may have written frames since.
+    /// The port was offered: the tenant may have written frames since.
     Whole,
     /// The last frame of the tenant may be incomplete.
     Spoilt,
@@ -61,7 +61,7 @@ pub(crate) fn take(state: &AtomicU32) -> bool {
     state.compare_exchange(OFFERED, TAKEN, Ordering::AcqRel, Ordering::Relaxed).is_ok()
 }
 
-/// Gives the taken port back, with a last frame that is whole or not.
+/// Returns the taken port; `is_whole` is whether its last frame was written completely.
 pub(crate) fn release(state: &AtomicU32, is_whole: bool) {
     state.store(if is_whole { OFFERED } else { SPOILT }, Ordering::Release);
 }

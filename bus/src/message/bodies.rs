@@ -66,8 +66,8 @@ message! {
 }
 
 message! {
-    /// Topic `vehicle`: state of the vehicle as the plant or the bridge knows it, once per command applied. A bridge publishes it
-    /// in every period, with or without a command.
+    /// Topic `vehicle`: state of the vehicle, from the plant or the bridge, once per command applied. A bridge publishes it in every
+    /// period, with or without a command.
     VehicleV1 = "oqtal.Vehicle.v1" {
         /// Sequence of the command that this is about.
         command_sequence: u64 ["-"],
@@ -172,7 +172,7 @@ message! {
         riccati_solves: u64 ["-"],
         /// Riccati equations that had no solution, so that the last gain was kept.
         riccati_failures: u64 ["-"],
-        /// Ticks so far whose command came later than one period after it was due: after its pose, or after the tick's deadline.
+        /// Ticks so far whose command was sent more than one period after it was due; it is due with its pose, or at the tick's deadline.
         deadline_misses: u64 ["-"],
         /// Camera frames that never became a pose, in total.
         poses_lost: u64 ["-"],
@@ -328,7 +328,7 @@ message! {
     HealthV1 = "oqtal.Health.v1" {
         /// Instant of this message, by the clock of the machine, whatever clock drives the flight.
         time: Time ["ns"],
-        /// Hash of the effective configuration: processes that disagree were started from different files. `OWN_CONFIG` for an
+        /// Hash of the effective configuration: processes with different hashes were started from different files. `OWN_CONFIG` for an
         /// emulated vehicle behind a radio, which need not agree.
         config_hash: u64 ["-"],
         /// [`crate::code::SafetyState`], for the daemon.

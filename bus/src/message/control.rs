@@ -99,7 +99,8 @@ message! {
 }
 
 impl ControlResponseV1 {
-    /// Whether only a vehicle that is not at rest, as after a flight, prevents the requested one: the request is repeated until it is.
+    /// Whether the only obstacle to the requested flight is a vehicle that is not at rest, for example after a flight; the request is then
+    /// repeated until the vehicle is at rest.
     pub fn comes_to_rest(&self) -> bool {
         use ArmingObstacle::{Moving, Stopped, Tilted};
         let obstacles = ArmingObstacles::from_bits(self.obstacles);

@@ -1,5 +1,5 @@
-//! Bodies of the topics `state` and `external`: the question to an attitude law outside the daemon, and its answer. Every field
-//! has 8 bytes, so that the encoded bodies are the structures of `examples/external_law/oqtal_law.h`.
+//! Bodies of the topics `state` and `external`: the question to an external attitude law, and its answer. Every field has 8 bytes, so that
+//! the encoded bodies are the structures of `examples/external_law/oqtal_law.h`.
 
 use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};

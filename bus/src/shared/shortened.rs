@@ -1,7 +1,7 @@
 //! Shared words whose file was shortened: an access to them raises SIGBUS, which would end the process.
 //!
-//! The handler of the signal gives the file its size again, and the access is repeated: the words are zero, and shared as before.
-//! Without memory for the file, the process continues with a page of its own. A SIGBUS at any other address ends the process.
+//! The signal handler restores the size of the file, and the access is repeated: the words are zero, and shared as before. If there is no
+//! memory for the file, the process continues with a private page. A SIGBUS at any other address ends the process.
 
 use std::ffi::{c_int, c_void};
 use std::path::PathBuf;
@@ -16,11 +16,11 @@ const SLOTS: usize = 256;
 const FREE: usize = 0;
 const RESERVED: usize = 1;
 
-/// The file has its size.
+/// State of a slot: the file has its full size.
 const WHOLE: u8 = 0;
-/// The file was shortened and has its size again.
+/// State of a slot: the file was shortened and has been restored to its full size.
 const RESTORED: u8 = 1;
-/// The file was shortened; this process has a page of its own in its place.
+/// State of a slot: the file was shortened and could not be restored; this process uses a private page instead.
 const LOST: u8 = 2;
 
 /// A guarded mapping.
@@ -74,7 +74,7 @@ impl Drop for MappingGuard {
     }
 }
 
-/// Files of this process that were shortened since the last call, each with whether it has its size again.
+/// Files of this process that were shortened since the last call, each with whether its size was restored.
 pub(crate) fn take_shortened() -> Vec<(PathBuf, bool)> {
     let shortened = GUARDED.iter().filter_map(|slot| {
         let is_used = slot.begin.load(Ordering::Acquire) > RESERVED;

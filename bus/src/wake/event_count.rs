@@ -1,5 +1,5 @@
-//! Event count: a word that a notifier increments, and on which listeners sleep while it is unchanged. Sleep and wake-up are
-//! arguments. `bus/loom` executes every interleaving of this file.
+//! Event count: a word that a notifier increments, and on which listeners sleep while it is unchanged. The functions that sleep and wake up
+//! are arguments. `bus/loom` executes every interleaving of this file.
 
 use std::cell::Cell;
 

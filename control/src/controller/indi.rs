@@ -99,7 +99,7 @@ struct InverseModel {
 pub struct Indi<I> {
     options: IndiOptions,
     input: I,
-    /// `None` if the rate follows the input at once.
+    /// Inverse of the rate model; `None` if the rate follows the input without a lag.
     model: Option<InverseModel>,
     filter: FilteredRate,
     /// The last inputs, the newest first \[N m, body axes, in rate form -1..1\].

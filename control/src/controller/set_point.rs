@@ -10,13 +10,13 @@ const ATTITUDE: usize = 3;
 /// Linear system `x_dot = a x + b r`, `y = c x + d r` with the set-point `r` and the attitude `y`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetPointLoop {
-    /// From the state to its derivative \[units of the states per s\].
+    /// Map from the state to its derivative \[units of the states per s\].
     pub a: SMatrix<f64, 9, 9>,
-    /// From the set-point to the derivative of the state \[units of the states per s and rad\].
+    /// Map from the set-point to the derivative of the state \[units of the states per s and rad\].
     pub b: SMatrix<f64, 9, 3>,
-    /// From the state to the attitude \[rad over the units of the states\].
+    /// Map from the state to the attitude \[rad over the units of the states\].
     pub c: SMatrix<f64, 3, 9>,
-    /// From the set-point to the attitude \[-\].
+    /// Map from the set-point to the attitude \[-\].
     pub d: Matrix3<f64>,
 }
 

@@ -76,9 +76,9 @@ pub struct Adaptation {
     is_clear: bool,
     /// Time of the last pose in flight \[s\], and cosine of the tilt then \[-\].
     last: Option<(f64, f64)>,
-    /// `None` before the first pose in flight, and for a vehicle whose rates are not commanded.
+    /// Estimators of the rotation; `None` before the first pose in flight, and for a vehicle whose rates are not commanded.
     rotating: Option<EstimatorPair<RotationEstimator>>,
-    /// `None` before the first pose in flight.
+    /// Estimators of the thrust; `None` before the first pose in flight.
     lifting: Option<EstimatorPair<ThrustEstimator>>,
     thrust_gain: f64,
 }
@@ -119,8 +119,8 @@ impl Adaptation {
         next
     }
 
-    /// Restarts the estimators at the next pose, after a motion that no model describes: what they learnt is discarded. The gain of
-    /// the thrust is kept.
+    /// Restarts the estimators at the next pose, after a motion that no model describes; their estimates are discarded. The gain of the
+    /// thrust is kept.
     pub fn interrupt(&mut self) {
         self.last = None;
     }
@@ -200,7 +200,7 @@ impl Adaptation {
         self.lifting = Some(EstimatorPair::new(estimators, self.lifting.as_ref()));
     }
 
-    /// `None` for a vehicle whose rates are not commanded.
+    /// Nominal rate response and its prior standard deviations; `None` for a vehicle whose rates are not commanded.
     fn bounds(&self) -> Option<ResponseBounds> {
         let Rotation::RateLoop { lag_s } = self.nominal.rotation else { return None };
         let options = &self.options;
@@ -214,7 +214,7 @@ impl Adaptation {
         })
     }
 
-    /// Model to be used.
+    /// Adapted model; its nominal values where nothing has been estimated yet.
     pub fn model(&self) -> AdaptedModel {
         let rotating = self.rotating.as_ref().map(EstimatorPair::used);
         let nominal = self.bounds().map(|bounds| bounds.nominal);

@@ -1,10 +1,9 @@
 //! Choice between an adapted model and a fixed one by the innovations of two estimators.
 //!
-//! Both predict the same poses. Half the difference of the squares of their normalised innovations, summed over some seconds,
-//! approximates the logarithm of the likelihood ratio of the two models: if the fixed model is more likely, it is used and the
-//! adaptation restarts; the adapted model is used again once it has been equally good for some time. The fixed model does not
-//! replace the adapted one while its own innovations are larger than those of a correct model: the comparison of two wrong models
-//! says little.
+//! Both predict the same poses. Half the difference of the squares of their normalised innovations, summed over some seconds, approximates
+//! the logarithm of the likelihood ratio of the two models: if the fixed model is more likely, it is used and the adaptation restarts; the
+//! adapted model is used again once it has been equally good for some time. The fixed model does not replace the adapted one while its own
+//! innovations are larger than those of a correct model: a comparison of two wrong models is not conclusive.
 
 /// Time constant with which evidence for one of the models decays \[s\].
 const EVIDENCE_S: f64 = 3.0;
@@ -58,7 +57,8 @@ pub(super) struct EstimatorPair<E> {
 }
 
 impl<E: AdaptiveEstimator> EstimatorPair<E> {
-    /// A pair before its first pose, with the mean squares of the pair `before` it, if any: the noise of the poses has not changed.
+    /// A pair before its first pose, with the mean squares of its predecessor `before`, if any, since the noise of the poses has not
+    /// changed.
     pub fn new([adapted, fixed]: [E; 2], before: Option<&Self>) -> Self {
         let fits = before.map_or([1.0; 2], |before| before.fits);
         Self { adapted, fixed, evidence: 0.0, fits, probation_s: None }

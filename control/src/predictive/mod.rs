@@ -166,7 +166,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.attitude.yield_to(&(u.component_mul(&tracker.effect().gain) - disturbance));
     }
 
-    /// As [`PositionLaw::begin_stop`]: a hold begins.
+    /// Like [`PositionLaw::begin_stop`]: a hold begins.
     pub fn begin_stop(&mut self) {
         self.position.begin_stop();
     }

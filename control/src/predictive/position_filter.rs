@@ -9,7 +9,7 @@ use super::options::FilterOptions;
 /// Standard deviations at take-off: of velocity \[m/s\] and acceleration \[m/s^2\].
 const INITIAL: [f64; 2] = [0.05, 0.3];
 
-/// Kalman filter of the position error. The corrected motion is passed in.
+/// Kalman filter of the position error. The caller passes the motion to be corrected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionFilter {
     /// Covariance of position, velocity and acceleration along each axis, and the external acceleration \[m/s^2, world\].
@@ -23,7 +23,7 @@ impl PositionFilter {
         Self { axis: AxisFilter::new(options.position_noise_mm * 1e-3, INITIAL, walks, limit) }
     }
 
-    /// Transition of the error over `dt_s` \[s\] under `drag_per_s` \[1/s\].
+    /// State transition of the error over `dt_s` \[s\] with the drag `drag_per_s` \[1/s\], and its process noise.
     pub fn transition(&self, drag_per_s: f64, dt_s: f64) -> StateTransition {
         let h = dt_s;
         #[rustfmt::skip]

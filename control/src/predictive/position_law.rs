@@ -208,8 +208,8 @@ fn strays(model: &ReferenceModel, motion: &Motion, axes: Vector3<f64>) -> bool {
     (motion.position.component_mul(&axes) - model.course().position).norm() > LEASH_M
 }
 
-/// Restarts the model from the vehicle with this `acceleration` \[m/s^2, world\]: without that of its course, a vehicle that strays would
-/// be level for a moment.
+/// Restarts the model from the vehicle with this `acceleration` \[m/s^2, world\]: without the acceleration of its course, a vehicle away
+/// from its path would be level for a moment.
 fn restart(
     model: &mut ReferenceModel,
     motion: &Motion,
@@ -220,8 +220,8 @@ fn restart(
     model.restart(position, velocity, acceleration);
 }
 
-/// Restarts the model without what leads the vehicle on: along its velocity the model is neither ahead of it nor faster, and does not
-/// accelerate. Braking continues.
+/// Restarts the model without the parts that lead the vehicle onward: along its velocity the model is neither ahead of it nor faster, and
+/// does not accelerate. Braking continues.
 fn stop(model: &mut ReferenceModel, motion: &Motion, axes: Vector3<f64>) {
     let Some(along) = motion.velocity.component_mul(&axes).try_normalize(0.0) else { return };
     let at_most = |of_model: Vector3<f64>, of_vehicle: Vector3<f64>| {

@@ -206,7 +206,7 @@ impl ReferenceModel {
         *self = Self { options: self.options, limits: self.limits, ..*old };
     }
 
-    /// Advances by `dt_s` \[s\] towards `target`, given for the end of the step.
+    /// Advances the model by `dt_s` \[s\] towards `target`, the target at the end of the step.
     pub fn advance(&mut self, target: &Course, dt_s: f64) {
         let distance = (target.position - self.course().after(dt_s).position).norm();
         let target = &target.slowed(((FAR_M - distance) / (FAR_M - NEAR_M)).clamp(0.0, 1.0));

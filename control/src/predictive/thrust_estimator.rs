@@ -32,7 +32,7 @@ pub struct ClimbInterval<'a> {
     pub height_m: f64,
     /// Mean cosine of the tilt in the interval \[-\].
     pub cosine: f64,
-    /// The commands sent.
+    /// History of sent commands.
     pub history: &'a CommandHistory,
     /// Beginning and end of the interval \[s\].
     pub interval: (f64, f64),

@@ -57,18 +57,18 @@ pub struct MeasuredPose {
 /// A pose relative to its prediction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Deviation {
-    /// From the predicted position to that of the pose \[m, world\].
+    /// Vector from the predicted position to that of the pose \[m, world\].
     pub offset: Vector3<f64>,
     /// Rotation vector from the predicted attitude to that of the pose \[rad, body\].
     pub turn: Vector3<f64>,
 }
 
-/// Distance of a pose from its prediction, by the covariance of admission.
+/// Distance of a pose from its prediction, normalised by the covariance used for admission.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Innovation {
-    /// Of the position \[standard deviations\].
+    /// Distance of the position \[standard deviations\].
     pub position_sigma: f64,
-    /// Of the attitude \[standard deviations\].
+    /// Distance of the attitude \[standard deviations\].
     pub attitude_sigma: f64,
 }
 

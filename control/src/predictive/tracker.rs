@@ -15,7 +15,7 @@ use crate::estimator::Estimate;
 /// Fraction of the weight that the thrust reaches when the vehicle is about to leave the floor \[-\].
 const LIFTING: f64 = 0.9;
 
-/// Share of the measured noise with which a law that predicts reckons at least \[-\].
+/// Lower bound of the noise that a predictive law assumes, as a share of the measured noise \[-\].
 const ESTIMATED_SHARE: f64 = 0.8;
 
 /// Distance of a pose from the predicted position above which a tracker without a gate restarts at the pose \[m\].
@@ -33,7 +33,7 @@ pub struct MotionTracker {
     /// The noise in use: the configured one, or the measured one where it is greater.
     noise: TrackNoise,
     history: CommandHistory,
-    /// `None` for a fixed model.
+    /// Adaptation of the model; `None` for a fixed model.
     adaptation: Option<Adaptation>,
     /// Height of the floor from which the flight began \[m, world z\].
     floor_m: f64,
@@ -75,7 +75,7 @@ impl MotionTracker {
     }
 
     /// Continues the flight with the model and the noise of `other`, for another law or other options. The adapted parameters are kept
-    /// unless the bounds of the adaptation are others, or `other` predicts with a fixed model.
+    /// unless the bounds of the adaptation have changed, or `other` predicts with a fixed model.
     pub fn change_law(&mut self, other: &Self) {
         self.nominal = other.nominal;
         (self.expected, self.noise, self.innovation) = (other.expected, other.noise, None);
@@ -104,8 +104,8 @@ impl MotionTracker {
         self.innovation = None;
     }
 
-    /// Takes the measured noise of positions \[m\] and attitudes \[rad\]. Where it is greater than configured, it is used in place of it,
-    /// for a law that predicts once it is greater by a quarter: the measurement has an error too.
+    /// Takes the measured noise of positions \[m\] and attitudes \[rad\]. Where the measured noise is greater than the configured one, it
+    /// is used instead; for a predictive law, only once it is greater by a quarter, since the measurement has an error too.
     pub fn set_measured_noise(&mut self, position_m: f64, attitude_rad: f64) {
         let estimation = self.expected.estimation.map(|expected| {
             expected
@@ -126,7 +126,8 @@ impl MotionTracker {
         self.resting = Some(Motion::of(measured, 0.0));
     }
 
-    /// Records a command sent at `sent_s` \[s\], within the range of its interface: nothing bounds the motion that it predicts.
+    /// Records a command sent at `sent_s` \[s\]. It must be within the range of its interface, since the predicted motion is not bounded
+    /// otherwise.
     pub fn sent(&mut self, sequence: u64, sent_s: f64, input: ModelInput) {
         self.history.push(sequence, sent_s, input);
     }

@@ -76,7 +76,8 @@ impl ReferenceMotion {
         Self { value, rate: rate + acceleration * dt_s, acceleration }
     }
 
-    /// The motion `t_s` \[s\] later if the acceleration goes to zero at a constant rate within `release_s` \[s\], which is not before.
+    /// The motion `t_s` \[s\] later if the acceleration decreases to zero at a constant rate within `release_s` \[s\]; `t_s` is at most
+    /// `release_s`.
     fn at_release(&self, t_s: f64, release_s: f64) -> Self {
         let Self { value, rate, acceleration } = *self;
         let share = t_s / release_s;
@@ -94,9 +95,9 @@ impl ReferenceMotion {
     }
 }
 
-/// A leg from a motion to rest at a point: the sum of a stop from that motion, which does not turn back, and of a way from rest to
-/// rest, which begin together. A single polynomial would carry the motion of the start on for the whole leg: a descending vehicle
-/// that is sent far away would reach the floor.
+/// A leg from a motion to rest at a point: the sum of a stop from that motion, which does not turn back, and of a way from rest to rest,
+/// which begin together. A single polynomial would continue the initial motion over the whole leg: a descending vehicle that is sent far
+/// away would reach the floor.
 ///
 /// The acceleration of the start is released first: a polynomial that begins with it exceeds the limits the more, the longer it
 /// lasts. Stop and way are polynomials of fifth degree in each coordinate.
@@ -262,7 +263,7 @@ impl Detour {
         Self { leg, then: Some((trajectory, origin)) }
     }
 
-    /// Duration of leg and trajectory \[s\].
+    /// Duration of the leg and of the trajectory that follows it \[s\].
     pub fn duration_s(&self) -> f64 {
         let then_s = self.then.as_ref().map_or(0.0, |(trajectory, _)| trajectory.duration_s());
         self.leg.duration_s() + then_s

@@ -1,5 +1,5 @@
-//! Motions that show the parameters of a vehicle: doublets and sines about roll and pitch, steps of the height with a swing of
-//! the heading, travel to and fro. Not in the paper.
+//! Motions by which the parameters of a vehicle can be identified: doublets and sines about roll and pitch, steps of the height with a
+//! swing of the heading, back-and-forth travel. Not in the paper.
 //!
 //! About roll and pitch the attitude is prescribed, as by [`AttitudeDoublet`](super::AttitudeDoublet); each such motion is short
 //! and begins and ends at rest, so that the vehicle stays close to the hover point, to which it flies back in between. The heading
@@ -48,7 +48,7 @@ pub struct Excitation {
     pub yaw_deg: f64,
     /// Steps of the height, to either side of the hover point \[m\].
     pub climb_m: f64,
-    /// Way to and fro along x, and half of it along y \[m\].
+    /// Length of the back-and-forth travel along x; half of it along y \[m\].
     pub travel_m: f64,
 }
 

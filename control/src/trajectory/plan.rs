@@ -48,7 +48,7 @@ pub struct FlightPlan {
     first_yaw_rad: f64,
     start: StartPoint,
     take_off_s: f64,
-    /// From the start of the flight to that of the trajectory \[s\].
+    /// Time from the start of the flight to that of the trajectory \[s\].
     trajectory_start_s: f64,
     descent_m_s: f64,
     planned_landing_s: f64,
@@ -123,7 +123,7 @@ impl FlightPlan {
         self.planned_landing_s
     }
 
-    /// Forgets a landing in progress, of which the vehicle has left the path.
+    /// Discards a landing in progress whose path the vehicle has left.
     pub fn forget_landing(&mut self) {
         self.landing = Landing::NEVER;
     }

@@ -21,9 +21,9 @@ pub struct Reference {
     pub snap: Vector3<f64>,
     /// Desired 3-2-1 yaw \[rad\].
     pub yaw_rad: f64,
-    /// Its rate \[rad/s\], for laws that feed it forward, like the acceleration; zero where the yaw jumps.
+    /// Rate of the desired yaw \[rad/s\]; zero where the yaw jumps. Used, like its acceleration, by laws with feed-forward.
     pub yaw_rate_rad_s: f64,
-    /// Its acceleration \[rad/s^2\].
+    /// Acceleration of the desired yaw \[rad/s^2\].
     pub yaw_acceleration_rad_s2: f64,
     /// Prescribed attitude in place of the horizontal position, with rate and acceleration for laws that feed them forward.
     pub attitude: Option<AttitudeReference>,
@@ -78,7 +78,7 @@ impl Reference {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Phase {
-    /// From the floor to the hover point.
+    /// Take-off, from the floor to the hover point.
     TakeOff = 1,
     /// At rest at the hover point.
     Settle = 2,

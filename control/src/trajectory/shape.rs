@@ -180,9 +180,9 @@ impl Circle {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CurvePlane {
-    /// Of x and y.
+    /// Plane of x and y.
     Horizontal,
-    /// Of x and z.
+    /// Plane of x and z.
     Upright,
 }
 

@@ -137,7 +137,7 @@ impl Waypoints {
     /// Reads a table as described at [`Waypoints`]. Empty lines are skipped.
     ///
     /// # Errors
-    /// The first line at fault and what is wrong with it.
+    /// The first invalid line, with the reason.
     pub fn parse(text: &str) -> Result<Self, WaypointError> {
         // Spreadsheets write a byte order mark before the header.
         let text = text.trim_start_matches('\u{feff}');

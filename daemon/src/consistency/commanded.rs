@@ -15,8 +15,8 @@ pub(super) struct CommandedRotation {
 }
 
 impl CommandedRotation {
-    /// Rotation over an interval \[s\] by the commands that `tracker` knows \[rad, body axes\]. `seen` is the attitude measured at its
-    /// beginning, from which an attitude loop on board turns.
+    /// Rotation over an interval \[s\] by the commands in `tracker` \[rad, body axes\]. `seen` is the attitude measured at its beginning,
+    /// from which an attitude loop on board turns.
     pub(super) fn turn(
         &mut self,
         tracker: &MotionTracker,

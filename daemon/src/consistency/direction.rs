@@ -1,9 +1,9 @@
 //! Test whether the vehicle accelerates in the direction in which it is tilted.
 //!
 //! Horizontal accelerations, as complex numbers, are compared after two integrations and a wash-out, in which an acceleration `a` is
-//! `a / (s^2 + 2 z w s + w^2)` and a position `p` is `s^2 p / (...)`. A vehicle also tilts against drag, which the acceleration
-//! contains, and against wind, which it does not: in a slow motion the two can then be perpendicular for long. What a disturbance of
-//! some size explains is therefore not counted.
+//! `a / (s^2 + 2 z w s + w^2)` and a position `p` is `s^2 p / (...)`. A vehicle also tilts against drag, which the acceleration contains,
+//! and against wind, which it does not: in a slow motion the two can then be perpendicular for a long time. The part that a disturbance of
+//! limited size explains is therefore not counted.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -11,13 +11,13 @@ use nalgebra::{Vector2, Vector3};
 const CORNER_RAD_S: f64 = 2.0;
 /// Damping of the filters \[-\].
 const DAMPING: f64 = 0.7;
-/// Share of the acceleration by the tilt that is seen in the opposite direction, or across, from which on it is evidence \[-\].
+/// Least share of the acceleration by the tilt that counts as evidence when it is seen in the opposite direction, or across \[-\].
 const LEAST_SHARE: f64 = 0.4;
 /// Rate at which evidence is counted \[1/s\]: accelerations by gusts last for a good part of a second.
 const COUNTS_PER_S: f64 = 8.0;
-/// Horizontal acceleration by wind and imbalance, against which a vehicle is tilted without showing it \[m/s^2\].
+/// Horizontal acceleration by wind and imbalance that a vehicle balances by its tilt without moving \[m/s^2\].
 const DISTURBANCE_M_S2: f64 = 0.1;
-/// Its effect after the filters \[m\].
+/// Effect of that disturbance after the filters \[m\].
 const LEAST_M: f64 = DISTURBANCE_M_S2 / (CORNER_RAD_S * CORNER_RAD_S);
 
 /// The two filtered accelerations and the sums of evidence.

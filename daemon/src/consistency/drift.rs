@@ -1,16 +1,16 @@
-//! Test whether the angle seen by the cameras departs from that of the vehicle.
+//! Tests whether the angle seen by the cameras departs from that of the vehicle.
 
 use nalgebra::Vector3;
 
-/// Time constant with which the bias of the vehicle's rate is learned \[s\]; at the beginning the time since then.
+/// Time constant of the estimated bias of the vehicle's rate \[s\]; at the beginning, the time since then.
 const BIAS_S: f64 = 20.0;
-/// Time during which the bias is learned before the test begins \[s\].
+/// Time for which the bias is estimated before the test begins \[s\].
 const LEARNED_S: f64 = 3.0;
 /// Time constant of the low-pass on the difference \[s\].
 const SMOOTHING_S: f64 = 0.25;
 /// Standard deviations of the noise of the attitude that are added to the limit \[-\].
 const LIMIT_SIGMA: f64 = 4.0;
-/// Share of the limit below which a difference is learned as a bias \[-\].
+/// Share of the limit below which a difference is attributed to the bias \[-\].
 const LEARNED: f64 = 0.5;
 
 /// Accuracy of the rotation with which poses are compared.
@@ -20,14 +20,15 @@ pub(super) struct DriftLimit {
     decay_s: f64,
     /// Difference of the angles that counts as drift \[rad\].
     angle_rad: f64,
-    /// Share of the angle seen lately that is added to it \[-\]: errors of scale and alignment.
+    /// Share of the recently seen angle that is added to `angle_rad` \[-\], for errors of scale and alignment.
     share: f64,
 }
 
 impl DriftLimit {
-    /// Of the gyroscope: 1.7 deg over some seconds.
+    /// Limit for the rotation measured by the gyroscope: 1.7 deg over some seconds.
     pub(super) const GYROSCOPE: Self = Self { decay_s: 8.0, angle_rad: 0.03, share: 0.15 };
-    /// Of the commands: a vehicle may have half of the configured rate authority, and wind may turn it.
+    /// Limit for the rotation predicted from the commands: a vehicle may have only half of the configured rate authority, and wind may turn
+    /// it.
     pub(super) const COMMANDS: Self = Self { decay_s: 2.0, angle_rad: 0.16, share: 1.5 };
 }
 
@@ -72,7 +73,7 @@ impl DriftTest {
         ratio
     }
 
-    /// Begins again with the learned bias.
+    /// Restarts the test with the estimated bias.
     pub(super) fn restart(&mut self) {
         let Self { bias, elapsed_s, .. } = *self;
         *self = Self { bias, elapsed_s, ..Self::default() };

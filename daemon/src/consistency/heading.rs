@@ -1,9 +1,9 @@
-//! Test whether the heading seen by the cameras follows a small oscillation of the commanded heading.
+//! Tests whether the heading seen by the cameras follows a small oscillation of the commanded heading.
 //!
-//! A vehicle that hovers hardly turns, and its poses then show little of whether they follow it. If the vehicle reports no rates, or if
-//! no rotation has confirmed the poses for a while, the heading reference oscillates by `safety.probe-yaw-deg`. The rotations about
-//! the vertical body axis, seen by the cameras and driven, are demodulated at the frequency of the oscillation (lock-in detection):
-//! noise and wind have little power there, and a law that sees no rotation commands more, so that evidence grows.
+//! A hovering vehicle hardly rotates, so its poses are hardly tested by its rotation. If the vehicle reports no rates, or if no rotation
+//! has confirmed the poses for some time, the heading reference oscillates by `safety.probe-yaw-deg`. The rotations about the vertical body
+//! axis, seen by the cameras and driven, are demodulated at the frequency of the oscillation (lock-in detection): noise and wind have
+//! little power there, and a law whose poses show no rotation commands more of it, so the evidence grows.
 
 use std::f64::consts::TAU;
 

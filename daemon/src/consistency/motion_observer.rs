@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 /// Distance from the predicted position above which a position is an outlier \[m\], and as a multiple of the noise \[-\]; both are added.
 const OUTLIER_M: f64 = 0.005;
 const NOISE_OUTLIER: f64 = 3.0;
-/// Greatest correction of the velocity by one position \[m/s\]: the time constant of the velocity is the distance of an outlier over it,
-/// so that noise delays the observer and does not disturb it.
+/// Greatest correction of the velocity by one position \[m/s\]: the time constant of the velocity is the distance of an outlier over it, so
+/// noise slows the observer down but does not disturb it.
 const GREATEST_M_S: f64 = 0.16;
 /// Time constant of the balance by the positions over that of the velocity \[-\]: the observer of both is critically damped.
 const BALANCE_RATIO: f64 = 4.0;
@@ -40,7 +40,7 @@ impl MotionObserver {
         &self.velocity
     }
 
-    /// Acceleration by the thrust that leaves the velocity as it is \[m/s^2, world\]; `None` until there is a position in the air.
+    /// Acceleration by the thrust at which the velocity is constant \[m/s^2, world\]; `None` until there is a position in the air.
     pub(super) fn balance(&self) -> Option<&Vector3<f64>> {
         self.balance.as_ref()
     }
@@ -65,7 +65,7 @@ impl MotionObserver {
         self.balance = Some(balance - change);
     }
 
-    /// As [`Self::take`], with the `acceleration` \[m/s^2, world\] of a known balance.
+    /// Like [`Self::take`], with the `acceleration` \[m/s^2, world\] of a known balance.
     pub(super) fn take_balanced(
         &mut self,
         position: &Vector3<f64>,

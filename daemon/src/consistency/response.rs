@@ -1,4 +1,4 @@
-//! Test whether the rotation seen by the cameras follows the rotation of the vehicle.
+//! Tests whether the rotation seen by the cameras follows the rotation of the vehicle.
 
 use nalgebra::Vector3;
 
@@ -13,16 +13,17 @@ pub(super) struct ResponseLimit {
 }
 
 impl ResponseLimit {
-    /// Of the gyroscope.
+    /// Limit for the rotation measured by the gyroscope.
     pub(super) const GYROSCOPE: Self = Self { share: 0.3, margin: 1.5 };
-    /// Of the commands: the vehicle may have half of the configured authority, and another lag and delay.
+    /// Limit for the rotation predicted from the commands: the vehicle may have only half of the configured authority, and another lag and
+    /// delay.
     pub(super) const COMMANDS: Self = Self { share: 0.2, margin: 3.0 };
 }
 
 /// Rate at which evidence is counted \[1/s\]: samples closer together share their noise.
 const COUNTS_PER_S: f64 = 60.0;
 
-/// Driven rotation from which on samples count more \[rad\]: a law whose poses follow the vehicle seldom demands it.
+/// Driven rotation from which on samples have more weight \[rad\]; a law rarely demands it as long as the poses follow the vehicle.
 const LARGE_RAD: f64 = 0.08;
 /// Greatest weight of a large rotation \[-\].
 const GREATEST_WEIGHT: f64 = 6.0;

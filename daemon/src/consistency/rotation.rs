@@ -1,4 +1,4 @@
-//! Test of the rotation seen by the cameras against that of one source: the vehicle's gyroscope, or the commands sent.
+//! Compares the rotation seen by the cameras with that of one source: the vehicle's gyroscope, or the commands sent.
 //!
 //! A rotation that the source does not cover is left out of both, so that a gap in the reports costs only the evidence of its time.
 
@@ -11,7 +11,7 @@ use crate::delayed_mean::DelayedMean;
 
 /// Least deviation of rotations that agree \[rad\]: gyroscope and model are not exact.
 pub(super) const LEAST_DEVIATION_RAD: f64 = 0.002;
-/// Evidence, as a share of its limit, above which no noise is learned \[-\].
+/// Evidence, as a share of its limit, above which the noise is not updated \[-\].
 pub(super) const QUIET: f64 = 0.5;
 /// Least deviation of agreeing rotations over the measured noise \[-\].
 const NOISE_SHARE: f64 = 1.2;

@@ -1,10 +1,10 @@
-//! Test whether the vehicle moves as its thrust accelerates it: poses that stand still while it must move are frozen, also where the
-//! vehicle does not rotate.
+//! Tests whether poses show the motion that the thrust causes: poses that stand still while the vehicle must be moving are frozen, even if
+//! the vehicle does not rotate.
 //!
-//! A disturbance can hold a vehicle in place against its thrust, for example at the end of the motion that a push began. But a law
-//! learns of the disturbance from the motion alone, so the vehicle moves before the thrust counteracts it. That motion shows the
-//! disturbance here, too: a standstill is compared with the thrust that balanced the disturbance when it began. What poses that stand
-//! still show is not accepted, and a standstill begins only where the velocity is known.
+//! A disturbance can hold a vehicle in place against its thrust, for example at the end of a motion caused by a push. But the law can
+//! detect the disturbance only by the motion, so the vehicle moves before the thrust counteracts it. The same motion reveals the
+//! disturbance to this test: a standstill is compared with the thrust that balanced the disturbance when the standstill began. Poses that
+//! stand still do not update that balance, and a standstill begins only when the velocity is known.
 
 use nalgebra::Vector3;
 
@@ -52,9 +52,9 @@ struct Still {
 }
 
 impl StandstillTest {
-    /// Takes the position \[m, world\] after an interval of `dt_s` \[s\] in the air in which the thrust gave `acceleration`
-    /// \[m/s^2, world\], gravity not subtracted; `deviation_m` is the noise of the position \[m\]. Returns the motion that is not
-    /// seen, over its limit \[-\].
+    /// Takes the position \[m, world\] at the end of an interval of `dt_s` \[s\] in the air. `acceleration` is that by the thrust in the
+    /// interval, without gravity \[m/s^2, world\]; `deviation_m` is the noise of the position \[m\]. Returns the motion by the thrust that
+    /// the poses do not show, as a multiple of its limit \[-\].
     pub(super) fn take(
         &mut self,
         position: &Vector3<f64>,
@@ -84,7 +84,7 @@ impl StandstillTest {
         if still.time_s < LEAST_STILL_S { 0.0 } else { still.unseen(position).norm() / limit_m }
     }
 
-    /// As [`Self::take`], near the floor, where `lift_m_s2` is the acceleration by the thrust beyond gravity \[m/s^2\].
+    /// Like [`Self::take`], near the floor, where `lift_m_s2` is the acceleration by the thrust beyond gravity \[m/s^2\].
     pub(super) fn take_near_floor(
         &mut self,
         position: &Vector3<f64>,

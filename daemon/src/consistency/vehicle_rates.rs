@@ -1,4 +1,4 @@
-//! Rotation of the vehicle by its own gyroscope: the integral of the reported rates.
+//! Rotation of the vehicle measured by its own gyroscope: the integral of the reported rates.
 //!
 //! A vehicle may turn into a tilt between two reports, if one of them is lost or late. Its rotation is known up to its last report only,
 //! and is compared with poses once the next report has arrived.
@@ -9,11 +9,12 @@ use nalgebra::Vector3;
 const KEPT: usize = 32;
 /// Greatest time between two reports over which their rate is integrated \[s\].
 const LONGEST_S: f64 = 0.15;
-/// Time that no report covers from which rotations are compared with the commands instead \[s\].
+/// Uncovered time from which on rotations are compared with the commands instead \[s\].
 const LONGEST_UNCOVERED_S: f64 = 0.5;
 /// Rate at which covered time reduces the uncovered time \[-\].
 const REGAINED: f64 = 0.25;
-/// Time for which the last rate is continued \[s\]: the age of the newest report of a vehicle that reports at the rate of the cameras.
+/// Time for which the last reported rate is extrapolated \[s\]: the age of the newest report if the vehicle reports at the rate of the
+/// cameras.
 const CONTINUED_S: f64 = 0.04;
 
 /// A report: its instant \[s\], its rate \[rad/s, body\], and the angles turned until then \[rad, body\].
@@ -70,7 +71,7 @@ impl VehicleRates {
         t_s - self.back(1).0 <= CONTINUED_S
     }
 
-    /// As [`Self::turn`], and counts whether the reports cover it.
+    /// Like [`Self::turn`], and counts whether the reports cover it.
     pub(super) fn covered_turn(&mut self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
         let turn = self.turn(from_s, to_s);
         let gained_s = if turn.is_some() { -REGAINED } else { 1.0 } * (to_s - from_s);

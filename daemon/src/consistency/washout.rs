@@ -7,7 +7,8 @@ const CORNER_RAD_S: f64 = 1.5;
 /// Damping of the filter \[-\].
 const DAMPING: f64 = 0.7;
 
-/// High-pass filter of second order, `s^2 / (s^2 + 2 z w s + w^2)`, about each axis: an offset and a constant rate leave nothing.
+/// High-pass filter of second order, `s^2 / (s^2 + 2 z w s + w^2)`, about each axis: the response to an offset and to a constant rate
+/// decays to zero.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WashOut {
     angle: Vector3<f64>,

@@ -18,7 +18,7 @@ use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// Time after the end of the landing's reference from which on thrust is reduced \[s\].
 const REDUCED_AFTER_S: f64 = 1.5;
-/// Share of the thrust that is taken away in each second \[1/s\]: slowly enough that the vehicle sinks and does not fall.
+/// Rate at which the share of the thrust is reduced \[1/s\], low enough that the vehicle sinks and does not fall.
 const REDUCED_PER_S: f64 = 0.1;
 /// Greatest share of the thrust that is taken away \[-\].
 const GREATEST_REDUCTION: f64 = 0.5;
@@ -56,7 +56,7 @@ pub(super) struct FlightControl {
     interface: Interface,
     max_thrust_n: f64,
     stack: ControlStack,
-    /// Riccati equations of the stacks before this one, as [`ControlStack::riccati_counts`].
+    /// Counts of the Riccati equations of earlier stacks, as [`ControlStack::riccati_counts`].
     earlier_counts: [u32; 2],
     handover: Handover,
     descent: BlindDescent,

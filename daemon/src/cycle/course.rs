@@ -209,8 +209,8 @@ impl FlightCourse {
         self.stream.end();
     }
 
-    /// Whether the vehicle holds its position because a planner's references ended, and whether it has for so long that it must
-    /// land.
+    /// Whether the vehicle holds its position because a planner's references ended, and whether it must land because this has lasted too
+    /// long.
     pub(super) fn stream_ended(&self, now: Time) -> [bool; 2] {
         self.stream.ended(now)
     }
@@ -339,8 +339,8 @@ impl FlightCourse {
         lands
     }
 
-    /// The point of a hold of a vehicle at `position` \[m, world\], at the height of the reference where that is inside: each of
-    /// several holds at the height of a vehicle that is below its reference would be lower than the one before.
+    /// Point at which a vehicle at `position` \[m, world\] is held, at the height of the reference if that is inside. With the height of
+    /// the vehicle instead, which may be below its reference, each hold would be lower than the one before.
     fn holding_point(&self, position: Vector3<f64>) -> Vector3<f64> {
         let point = self.inside.unwrap_or(position);
         let at_height = |reference: Reference| point.xy().push(reference.position.z);
@@ -371,8 +371,8 @@ impl FlightCourse {
         self.setpoint.reference.is_some_and(|reference| reference.phase == Phase::Landing)
     }
 
-    /// Whether a vehicle at `estimate` under the thrust `thrust_n` \[N\] has landed: at the floor from which it took off, or at rest for a
-    /// while, wherever it is, under a thrust that cannot hold it in the air.
+    /// Whether a vehicle at `estimate` under the thrust `thrust_n` \[N\] has landed: at the floor from which it took off, or, at any
+    /// height, at rest for some time under a thrust that cannot hold it in the air.
     pub(super) fn has_landed(&mut self, now: Time, estimate: &Estimate, thrust_n: f64) -> bool {
         let (Some(mission), Some(reference)) = (&self.mission, &self.setpoint.reference) else {
             return false;

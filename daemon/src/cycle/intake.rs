@@ -20,12 +20,13 @@ use crate::guard::{Accepted, Guard, seconds};
 use crate::measured_noise::MeasuredNoise;
 use crate::vehicle::VehicleWatch;
 
-/// Time without an accepted pose after which poses count as missing \[periods\]: the second deadline in a row, three periods after
-/// the last pose. Sources that poll, are late by a frame or are a little slower than the loop miss the first one.
+/// Time without an accepted pose after which poses count as missing \[periods\]: the second deadline in a row, three periods after the last
+/// pose. Sources that poll, that are late by a frame, or that are slightly slower than the loop miss the first deadline.
 const MISSING_PERIODS: f64 = 2.5;
 /// Share of answered requests below which the vehicle is not expected to follow its commands \[0..1\].
 const LEAST_LINK: f64 = 0.3;
-/// Distance from the reference above which a vehicle is on its way to it \[m\]: a law that counteracts a disturbance holds it closer.
+/// Distance from the reference above which a vehicle counts as on its way to it \[m\]; a law that counteracts a disturbance holds the
+/// vehicle closer.
 const AWAY_M: f64 = 0.1;
 /// Mean change of the reference heading from tick to tick above which it turns \[rad\], and the share of a tick in the mean \[-\]. A heading
 /// that turns more slowly, or jitters, does not disturb the oscillation that shows whether poses follow the vehicle.
@@ -57,7 +58,7 @@ pub(super) struct Intake {
     fresh: Option<Header>,
     /// The last tick on an accepted pose.
     fresh_at: Option<Time>,
-    /// Why the last pose that was due is missing.
+    /// Reason why the last due pose is missing.
     missing: Cause,
     /// Whether poses since the last accepted one contradict the motion predicted from those before.
     contradicts_motion: bool,
@@ -188,7 +189,7 @@ impl Intake {
         self.guard.set_noise(&noise);
     }
 
-    /// Why poses do not follow the vehicle: if it has not replied since they did, it may receive no commands.
+    /// Cause for poses that do not follow the vehicle. If it has not replied since they last did, it may not receive commands.
     fn contradiction(&self) -> Cause {
         if self.is_vehicle_silent() { Cause::NoVehicle } else { Cause::Contradiction }
     }
@@ -211,7 +212,7 @@ impl Intake {
         self.tracker.sent(sequence, seconds(sent_at), self.commands.input(command));
     }
 
-    /// Begins a tick at `now`; returns the header of the newest pose, if it was accepted. `arrived` if a pose came in this tick.
+    /// Begins a tick at `now`; returns the header of the newest pose, if it was accepted. `arrived`: whether a pose arrived in this tick.
     pub(super) fn begin_tick(&mut self, now: Time, arrived: bool) -> Option<Header> {
         let fresh = self.fresh.take();
         if fresh.is_some() {
@@ -242,7 +243,7 @@ impl Intake {
         self.fresh.is_some()
     }
 
-    /// Why the last pose that was due is missing.
+    /// Reason why the last due pose is missing.
     pub(super) fn missing(&self) -> Cause {
         self.missing
     }

@@ -7,15 +7,16 @@ use super::first_flight::FirstFlight;
 /// Requests that wait for the next tick. The supervision owns them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Requests {
-    /// Latest start of an armed flight; `None` if the request waits. Later the operator has been told that it did not begin.
+    /// Latest start of an armed flight, after which the operator has received the answer that it did not begin; `None` if the request
+    /// waits.
     pub(super) begins_by: Option<Time>,
     /// State of the flight at start-up.
     pub(super) first_flight: FirstFlight,
     /// Whether the flight must be stopped.
     pub(super) stop: bool,
-    /// Whether the daemon begins after one that ended in flight.
+    /// Whether the previous daemon ended in flight.
     pub(super) ended_in_flight: bool,
-    /// Whether no flight has begun since a stop, or since a daemon before was killed.
+    /// Whether no flight has begun since a stop, or since the previous daemon was killed.
     pub(super) awaits_arm: bool,
     /// Whether another vehicle took the place of the one for which a flight was requested.
     pub(super) vehicle_replaced: bool,
@@ -23,7 +24,7 @@ pub(super) struct Requests {
     pub(super) configs_differ: bool,
     /// Whether files of the instance were lost.
     pub(super) files_lost: bool,
-    /// Whether the fallback law flew in the last tick although the law might have.
+    /// Whether the fallback law flew in the last tick although the configured law was permitted to fly.
     pub(super) law_fails: bool,
 }
 

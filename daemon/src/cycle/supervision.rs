@@ -105,8 +105,8 @@ impl FlightSupervision {
         self.is_flying() && intake.vehicle().holds_flight()
     }
 
-    /// Takes the state of the vehicle, which changes requests: a vehicle that reports that it was stopped ends the flight, and one
-    /// whose messages come from another process than before cancels a requested flight, which was meant for the vehicle before.
+    /// Takes the state of the vehicle, which changes requests: a vehicle that reports that it was stopped ends the flight, and one whose
+    /// messages come from another process than before cancels a requested flight, which was meant for the previous vehicle.
     pub(super) fn receive_vehicle(
         &mut self,
         header: &Header,
@@ -296,7 +296,7 @@ impl FlightSupervision {
         }
     }
 
-    /// Makes a change of the flight, or of the settings, and returns the reply.
+    /// Executes a change of the flight, or of the settings, and returns the reply.
     pub(super) fn change(
         &mut self,
         now: Time,
@@ -355,14 +355,14 @@ impl FlightSupervision {
         }
     }
 
-    /// Requests a flight: for the next tick, by an instant or not at all, or as soon as poses and vehicle allow it.
+    /// Requests a flight that begins in the next tick, or by an instant or else not at all, or as soon as poses and vehicle permit.
     fn wait_for_flight(&mut self, begins_by: Option<Time>) -> Answer {
         self.mode = Mode::Waiting;
         self.requests.begins_by = begins_by;
         Answer::Accepted
     }
 
-    /// Calls off a flight that has not begun, also one that is only expected; returns whether there was one.
+    /// Calls off a flight that has not begun, even if it is only expected; returns whether there was one.
     fn call_off(&mut self) -> bool {
         let is_waiting = self.mode == Mode::Waiting;
         self.mode = if is_waiting { Mode::Disarmed } else { self.mode };

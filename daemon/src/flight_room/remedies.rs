@@ -110,7 +110,8 @@ fn margin(path: &Way, fence: &Fence) -> Option<String> {
     (most_m >= 0.0).then(|| format!("fence.soft-margin-m of at most {most_m:.2}"))
 }
 
-/// The factor of time with which the vehicle could brake inside, and follow the trajectory if it can at any speed.
+/// Remedy: the factor by which the trajectory must be slowed down so that the vehicle can brake inside the fence and, if it can at any
+/// speed, follow the trajectory.
 fn slower(
     config: &Config,
     trajectory: &Trajectory,

@@ -11,8 +11,8 @@ use crate::fence::Fence;
 use crate::floor::LEAST_WAY_M;
 use crate::refusal::Refusal;
 
-/// Fails unless a vehicle on its way to `target`, x, y, z \[m, world\] and yaw \[rad\], has room for its tracking inside the soft border
-/// of the fence.
+/// Requires that a vehicle on its way to `target`, x, y, z \[m, world\] and yaw \[rad\], has room for its tracking error inside the soft
+/// border of the fence.
 ///
 /// # Errors
 /// The point, and the fence.

@@ -30,7 +30,7 @@ impl Way {
         Self::both_flown(config, references(config, trajectory), (start, 1.0))
     }
 
-    /// As [`Way::both`], on a trajectory with these `references` flown `slower` times as slowly \[-\].
+    /// Like [`Way::both`], on a trajectory with these `references` flown `slower` times as slowly \[-\].
     pub(super) fn both_flown(
         config: &Config,
         references: impl Iterator<Item = (f64, Reference)>,

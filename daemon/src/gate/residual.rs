@@ -29,21 +29,21 @@ const MATCH_SIGMA: f64 = 5.0;
 /// Distance and angle within which two residuals match.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tolerance {
-    /// \[m\].
+    /// Distance \[m\].
     offset: f64,
-    /// \[rad\].
+    /// Angle \[rad\].
     turn: f64,
 }
 
 impl Default for Tolerance {
-    /// Of poses with little noise.
+    /// Tolerance for poses with little noise.
     fn default() -> Self {
         Self { offset: MATCH_M, turn: MATCH_RAD }
     }
 }
 
 impl Tolerance {
-    /// Of poses with this noise.
+    /// Tolerance for poses with this noise.
     pub(super) fn of(noise: &PoseDeviations) -> Self {
         Self {
             offset: MATCH_M.max(MATCH_SIGMA * noise.position_m),

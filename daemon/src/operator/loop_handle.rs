@@ -78,7 +78,7 @@ pub struct LoopHandle {
     configs_differ: Arc<AtomicBool>,
     /// The condition of the last tick.
     present: Condition,
-    /// The condition that the background thread knows.
+    /// The condition last reported to the background thread.
     last: Condition,
     /// Instant of the last stop, landing or disarming on request, by the clock of the machine; unset before one.
     called_off_at: Time,

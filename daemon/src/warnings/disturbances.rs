@@ -60,7 +60,7 @@ fn too_heavy(config: &Config) -> Vec<String> {
 /// Shortage of vertical acceleration from which a note is printed \[m/s^2\]: with the shipped gains the vehicle stays some 2 cm lower.
 const TOLD_SHORTAGE_M_S2: f64 = 0.12;
 
-/// Notes on payloads that the integral of the velocity loops cannot carry: the vehicle stays below its reference.
+/// Notes on payloads whose weight the integral of the velocity loops cannot compensate: the vehicle stays below its reference.
 fn beyond_integral(config: &Config) -> Vec<String> {
     let (plant, vehicle) = (&config.plant, &config.vehicle);
     let limit = config.position.velocity_integral_limit_m_s2;

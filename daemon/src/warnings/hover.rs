@@ -8,7 +8,7 @@ use oqtal_control::trajectory::{Phase, Reference};
 use super::law::lacks_feed_forward;
 use super::model_flight::ModelFlight;
 
-/// Displacement at the beginning, and a distance that no law in a stable loop reaches at the end \[m\].
+/// Initial displacement, and a final distance that a stable loop never reaches \[m\].
 const DISPLACEMENT_M: f64 = 0.1;
 const ASTRAY_M: f64 = 0.2;
 /// Tilt below which the last part of a hover without noise is at rest \[rad\].

@@ -67,8 +67,8 @@ pub(super) fn jerks(
     })
 }
 
-/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there; with `or_else`, what
-/// else is a remedy.
+/// Warning that names where the reference is fastest along an axis, if it is faster there than the limit of the commanded velocity.
+/// `or_else` is a further remedy.
 pub(super) fn too_fast(
     samples: &[(f64, Reference)],
     config: &Config,
@@ -137,14 +137,14 @@ pub(super) fn first_turn(config: &Config, trajectory: &Trajectory) -> Option<Str
     ))
 }
 
-/// Time between two points at which a prescribed attitude is looked at, and most points \[s, -\].
+/// Time between two samples of a prescribed attitude \[s\], and maximum number of samples \[-\].
 const ATTITUDE_STEP_S: f64 = 1e-3;
 const MOST_ATTITUDES: f64 = 200_000.0;
-/// Time over which its rate is a difference \[s\]; that of the rate's change is the step.
+/// Time of the difference that gives the attitude's rate \[s\]; the difference of the rate uses the time between two samples.
 const DIFFERENCE_S: f64 = 1e-5;
-/// Share of the amplitude or frequency that would do \[-\]: the greatest rate may lie between two points.
+/// Share of the sufficient amplitude or frequency that a remedy states \[-\], since the greatest rate may lie between two samples.
 const REMEDY_SHARE: f64 = 0.99;
-/// Factor from one frequency of a chirp that is tried to the next \[-\], and number of tries.
+/// Ratio of successive chirp frequencies that are tried \[-\], and number of tries.
 const CHIRP_SHARE: f64 = 0.99;
 const MOST_TRIES: i32 = 8;
 
@@ -181,7 +181,7 @@ fn followed_lag_ms(config: &Config) -> f64 {
     if is_chirp { config.vehicle.rate_lag_ms } else { 0.0 }
 }
 
-/// Where a prescribed attitude turns fastest, if the vehicle has too little authority for it.
+/// Warning that names the instant at which a prescribed attitude turns fastest, if the vehicle has too little authority for it.
 pub(super) fn turns_too_fast(config: &Config, trajectory: &Trajectory) -> Option<String> {
     // Of a vehicle commanded by torque the rates have no limit of their own.
     if config.vehicle.interface == Interface::Torque {

@@ -14,14 +14,14 @@ const AFTER_S: f64 = 15.0;
 const BEFORE_S: f64 = 0.2;
 /// Longest part of a flight that is flown, from the first step on \[s\].
 const LONGEST_S: f64 = 120.0;
-/// How much further the vehicle may be from its reference than the model, and for how much longer \[m, s\]: it is disturbed, and it may
-/// sag. In 400 simulated flights of steps from 2 to 5 m with 0.8 to 1.8 m/s, of all laws with the shipped vehicle and one with lags of
-/// 60 and 75 ms and a curved thrust, every step after which the daemon landed had a warning, and so had 7 % of the others.
+/// Margin by which the vehicle may be further from its reference than the model, and for longer \[m, s\], because of disturbances and sag.
+/// In 400 simulated flights of steps from 2 to 5 m with 0.8 to 1.8 m/s, of all laws with the shipped vehicle and one with lags of 60 and 75
+/// ms and a curved thrust, every step after which the daemon landed had a warning, and so had 7 % of the others.
 const SPARE_M: f64 = 0.15;
 const SPARE_S: f64 = 0.1;
-/// Distance over the length of all steps beyond which the law does not fly the model at all \[-\]: it does not land for a step then.
+/// Distance, over the length of all steps, beyond which the law cannot fly the model at all \[-\]; a landing is then not caused by a step.
 const ASTRAY: f64 = 2.0;
-/// Step in which a limit with which the flight is not ended is sought \[m\], and most steps \[-\].
+/// Step of the search for a limit that does not end the flight \[m\], and maximum number of steps \[-\].
 const LIMIT_STEP_M: f64 = 0.1;
 const MOST_STEPS: u32 = 40;
 /// Factors of the speed that are flown \[-\].

@@ -29,7 +29,7 @@ const SPREADS: usize = 3;
 pub struct MaxQ {
     /// The weight \[-\].
     pub weight: f64,
-    /// How it was found, as text.
+    /// Method by which the weight was found, as text.
     pub found: &'static str,
 }
 

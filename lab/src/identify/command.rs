@@ -106,7 +106,7 @@ impl IdentifyArgs {
         Ok(Exit::Ok)
     }
 
-    /// Makes the directory of `--out`, and refuses one that holds one of `files` unless they may be replaced.
+    /// Creates the directory of `--out`, and refuses one that holds one of `files` unless they may be replaced.
     fn check_out(&self, files: &[&str]) -> Result<(), Failure> {
         let Some(directory) = &self.out else { return Ok(()) };
         let files: Vec<PathBuf> = files.iter().map(|name| directory.join(name)).collect();

@@ -51,8 +51,8 @@ pub struct FlightData {
     pub air: Vec<PoseRecord>,
     /// All commands of the flight, in order of time.
     pub commands: Vec<CommandRecord>,
-    /// Instants of the ticks \[s\] with the attitude that the trajectory prescribes: roll and pitch, 0 where it prescribes none, and
-    /// the heading \[rad\]. No measurement has an effect on it.
+    /// Instants of the ticks \[s\] with the attitude that the trajectory prescribes: roll and pitch, 0 where it prescribes none, and the
+    /// heading \[rad\]. It does not depend on measurements.
     pub prescribed: Vec<(f64, Vector3<f64>)>,
     /// Median time from the publication of a command to its effect, by its stamps \[s\]; `None` without such stamps.
     pub stamped_delay_s: Option<f64>,

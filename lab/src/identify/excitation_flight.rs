@@ -14,9 +14,9 @@ use crate::simulation;
 /// Time at rest before the manoeuvres \[s\]; keeps the flight shorter than a minute.
 const SETTLE_S: f64 = 1.0;
 
-/// Masses assumed by the controller in successive attempts after a failed flight, over the configured mass \[-\]: a vehicle that
-/// its thrust does not lift, or that sinks to the floor, is heavier or weaker than configured; one that leaves the fence or its
-/// reference is lighter or stronger.
+/// Masses assumed by the controller in successive attempts after a failed flight, over the configured mass \[-\]: a vehicle that does not
+/// take off, or that sinks to the floor, is heavier or has less thrust than configured; one that leaves the fence or its reference is
+/// lighter or has more.
 const HEAVIER: &[f64] = &[1.3, 1.7, 2.2];
 const LIGHTER: &[f64] = &[0.8, 0.6];
 

@@ -73,8 +73,8 @@ impl ParameterFinding {
         self
     }
 
-    /// The delay of commands and the rate `lag`, undetermined if one of them is, or if the interval of the lag exceeds its value. One
-    /// replaces the other in a fit: one alone, beside a configured value of the other, would have a wrong sum.
+    /// The delay of commands and the rate `lag`, undetermined if one of them is, or if the interval of the lag exceeds its value. Delay and
+    /// lag can replace each other in a fit: one of them beside the configured value of the other would give a wrong sum.
     pub fn together(mut self, mut lag: Self) -> [Self; 2] {
         if !self.is_shown() || !lag.is_shown() || lag.half_width > lag.value {
             (self.missing, lag.missing) = (Some(rules::DELAY.motion), Some(rules::RATE_LAG.motion));

@@ -11,7 +11,8 @@ const WINDOW_S: f64 = 0.2;
 const RATES: [f64; 3] = [0.22, 0.25, 0.15];
 /// Three quarters of that along the horizon \[m/s, world\].
 const SPEED: f64 = 0.27;
-/// Three quarters of that of the horizontal part of body z, along x and y \[-, world\]: tilts tell the thrust from constant forces.
+/// Three quarters of the root mean square of the horizontal part of body z, along x and y \[-, world\]: tilts separate the thrust from
+/// constant forces.
 const TILTS: [f64; 2] = [0.05, 0.045];
 /// Climbs and descents that are some steps; hovers drift by less \[m, world\].
 const CLIMBS_M: f64 = 1.0;

@@ -1,8 +1,8 @@
 //! Frequency responses from the commanded to the flown rates, with their coherence, beside those of the fitted model.
 //!
-//! The loop is closed: noise that the controller answers is in the command and in the rate, and their ratio would tend to the inverse
-//! of the controller. The response is therefore the ratio of the cross-spectra of rate and command with the prescribed attitude,
-//! which no noise has an effect on (Ljung, *System Identification*, 2nd ed., 1999, chapter 13).
+//! The loop is closed: noise to which the controller responds is in the command and in the rate, and their ratio would tend to the inverse
+//! of the controller. The response is therefore the ratio of the cross-spectra of rate and command with the prescribed attitude, which is
+//! independent of noise (Ljung, *System Identification*, 2nd ed., 1999, chapter 13).
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -262,7 +262,7 @@ mod tests {
 
     const PERIOD_S: f64 = 1.0 / 60.0;
 
-    /// Responses of a vehicle whose roll follows the sticks after two samples, without a lag, under a proportional law that answers
+    /// Responses of a vehicle whose roll follows the sticks after two samples, without a lag, under a proportional law that responds to
     /// noise of `noise_rad`, and the prescribed roll, a random walk of `size_rad`.
     fn flown(noise_rad: f64, size_rad: f64) -> (FlightData, [Vec<ResponsePoint>; 3]) {
         let mut random = SplitMix64::new(1);

@@ -29,8 +29,8 @@ impl Innovations {
 }
 
 /// Residuals of a fit: innovations of every flight, axis by axis, with limited influence \[expected standard deviations\], times the
-/// geometric mean of the expected deviations over the measurement deviation. Least squares of this product maximise the likelihood;
-/// without the factor, parameters for which the filter expects greater innovations would appear better.
+/// geometric mean of the expected deviations over the measurement deviation. Least squares of this product maximise the likelihood; without
+/// the factor, parameters for which the filter expects greater innovations would appear better than they are.
 pub fn residuals<'a>(
     flights: impl Iterator<Item = &'a Innovations> + Clone,
     measured: f64,

@@ -112,7 +112,7 @@ impl TranslationModel {
         self.thrust_m_s2 * share * (1.0 + bend)
     }
 
-    /// Slope of the thrust over its command where it equals the weight \[m/s^2\], and the command \[0..1\].
+    /// Operating point of a hover: derivative of the thrust over the mass with respect to the command \[m/s^2\], and the command \[0..1\].
     pub fn hover(&self) -> (f64, f64) {
         let bend = self.curvature_ratio / self.hover_share;
         let linear = self.thrust_m_s2 * (1.0 - self.curvature_ratio);

@@ -174,7 +174,7 @@ const INTRO: [&str; 3] = [
      frequency. They apply to the configured model with the adaptation off, not to an adaptation at its bound.",
 ];
 
-/// Least margin of each kind in hover over the axes, for each law; none if the loop about one of them is unstable.
+/// Least margin of each kind in hover over the axes, for each law; no value if the loop about one of them is unstable.
 fn hover(loops: &[LoopPair]) -> Sheet {
     let note = "Flown, position loop closed, adaptation off; the least of roll, pitch and yaw. With its adaptation on, a law tolerates other delays.".to_owned();
     least_sheet(
@@ -185,7 +185,7 @@ fn hover(loops: &[LoopPair]) -> Sheet {
     )
 }
 
-/// Least flown margin of each kind of the attitude loop over the axes, for each law; none if the loop about one of them is unstable.
+/// Least flown margin of each kind of the attitude loop over the axes, for each law; no value if the loop about one of them is unstable.
 fn least(loops: &[LoopPair]) -> Sheet {
     let note =
         "Flown, position loop open, adaptation off; the least of roll, pitch and yaw.".to_owned();

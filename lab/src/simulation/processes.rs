@@ -97,7 +97,7 @@ impl<'a> Processes<'a> {
         self.daemon.turn.law.has_ended()
     }
 
-    /// A writer of references, as of a planner.
+    /// A writer of references, like a planner's.
     pub(super) fn references(&self) -> Result<MemoryWriter<ReferenceV1>, BusError> {
         self.bus.writer(&REFERENCE)
     }

@@ -31,7 +31,7 @@ const SHARES: [f64; 8] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2];
 /// Half of the sides of a fence that bounds no flight, and its height \[m\].
 const WIDE_M: f64 = 100.0;
 
-/// Difference of the thrust of a hover from that of the model that is told [% of the greatest].
+/// Difference between the thrust of a hover and that of the model above which it is reported [% of the greatest].
 const TOLD_DIFFERENCE: f64 = 5.0;
 
 /// Distances from the reference that are tried as limits \[m\].
@@ -71,9 +71,9 @@ pub fn is_cramped(cause: &str) -> bool {
 /// Settings that a remedy may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Changes {
-    /// All, as of a study.
+    /// All settings, for a study.
     All,
-    /// Sizes of trajectories, as requests to a daemon.
+    /// Sizes of trajectories, by requests to a daemon.
     InFlight,
 }
 

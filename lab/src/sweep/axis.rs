@@ -13,7 +13,7 @@ const MOST_COMBINATIONS: usize = 100_000;
 pub struct Axis {
     /// The key.
     pub key: String,
-    /// Its values, in the order given.
+    /// Values of the key, in the order given.
     pub values: Vec<toml::Value>,
 }
 

@@ -20,8 +20,8 @@ use crate::study::TRAINING_SEEDS;
 use crate::study::flights::{AUTHORITY, Change, NOMINAL, PlantVariant, RATE_LAG, readable};
 use crate::study::law;
 
-/// Default optimiser: two searches on similar plants take similar ways, so that the gains depend little on what the identification
-/// missed, and the objective falls faster than with the default of other searches.
+/// Default optimiser: two searches on similar plants proceed similarly, so the gains depend little on errors of the identification, and the
+/// objective falls faster than with the default of other searches.
 pub const OPTIMISER: Optimiser = Optimiser::QuasiNewton;
 /// Parts of the daemon's configuration that the search does not use: its flights are in virtual time and as long as those of every
 /// study, its plant is the identified vehicle, and its cameras have the noise and the latency that were found.
@@ -71,14 +71,15 @@ const NEEDED: [&str; 5] = [
     rules::THRUST.name,
 ];
 
-/// Gains for a vehicle in flight, with what was found about it.
+/// Gains for a vehicle in flight, with the identification on which they are based.
 #[derive(Debug)]
 pub struct LiveTuning {
     /// The vehicle.
     pub identification: Identification,
     /// The gains of the law that flies; of the keys that may change in flight.
     pub tuned: Tuned,
-    /// Names of the parameters on which margins depend and that the flight does not determine: the search took those of `[vehicle]`.
+    /// Names of the parameters on which margins depend and that the flight does not determine; the search used their values from
+    /// `[vehicle]`.
     pub undetermined: Vec<&'static str>,
 }
 

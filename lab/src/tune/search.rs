@@ -97,8 +97,8 @@ fn batch(
 }
 
 impl TrainingFlights {
-    /// Whether neither the daemon's gains nor the tuned ones, the first batch, land all flights: a vehicle that hovers during the search does
-    /// not wait for more.
+    /// Whether neither the daemon's gains nor the tuned ones, the first batch, land all flights: a vehicle that hovers during the search
+    /// does not wait for further batches.
     fn is_hopeless(&self, start: f64, path: &SearchPath) -> bool {
         let flown = &path.objectives;
         self.live_keys_only

@@ -70,8 +70,8 @@ fn own(law: ControllerName) -> impl Iterator<Item = SearchRange> {
     law.tuned_gains().iter().map(move |gain| gain.within(&section))
 }
 
-/// The ranges of the search for `target`, a law in either stack or the position loops, with a gain of `settings` on a bound, up to the
-/// rounding of written values.
+/// Returns the search ranges of `target` on whose bound a gain of `settings` lies, within the rounding of written values. `target` is a
+/// law, in either stack, or the position loops.
 pub fn on_a_bound(target: &str, settings: &[Setting]) -> Vec<SearchRange> {
     let ranges: Vec<SearchRange> = match law::of_name(target) {
         Some(law) => own(law).chain(PREDICTOR.iter().chain(&LOOPS).cloned()).collect(),

@@ -168,7 +168,7 @@ pub fn warnings(components: &[TradedFigure], is_predictive: bool, points: usize)
     components.iter().filter(|component| component.is_worse()).map(warning).collect()
 }
 
-/// Why gains with these `components` have too little margin to be applied in flight; `None` unless the disk margin in hover is below
+/// Reason why gains with these `components` have too little margin to be applied in flight; `None` unless the disk margin in hover is below
 /// `least` \[-\] and below that of the gains before, the loop is unstable, or its margins are unknown.
 pub fn too_little_margin(components: &[TradedFigure], least: f64) -> Option<String> {
     let Some(disk) = components.iter().find(|it| it.key == Margins::COLUMNS[Margins::DISK].0)

@@ -56,8 +56,8 @@ impl<S: ClientSession> ClientTable<S> {
         }
     }
 
-    /// Adds a client. `open` is told whether a place is free, appends the first bytes for the client, and returns the session, or
-    /// `None` to refuse the client.
+    /// Adds a client. `open` receives whether a place is free, appends the first bytes for the client, and returns the session, or `None`
+    /// to refuse the client.
     pub fn add(&mut self, stream: TcpStream, open: impl FnOnce(bool, &mut Vec<u8>) -> Option<S>) {
         let Some(mut connection) = Connection::new(stream) else { return };
         match open(self.clients.len() < MAX_CLIENTS, &mut connection.queue) {

@@ -12,8 +12,8 @@ const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
 /// Unit of a field that contains the bytes of a text.
 const TEXT: &str = "text";
 
-/// Names of the columns of messages with these fields, with their units: reception by the recorder, header, stamps, body. A name of
-/// header or stamps that the body has, too, begins with `header_`.
+/// Names of the columns of messages with these fields, with their units: reception by the recorder, header, stamps, body. A header field or
+/// stamp with the same name as a body field begins with `header_`.
 pub fn names(fields: &[Field]) -> Vec<String> {
     let body: Vec<String> = fields.iter().flat_map(columns).collect();
     let header = [Header::FIELDS, Stamps::FIELDS].concat();

@@ -27,7 +27,7 @@ pub(super) fn remove(file: &mut RecordingFile) {
     file.facts.remove(FLIGHT);
 }
 
-/// The same facts as read from a recording; each is `None` if the recording does not contain it, as a truncated one.
+/// The same facts as read from a recording; each is `None` if the recording does not contain it, for example because it is truncated.
 #[derive(Clone, Debug)]
 pub struct ClosingFacts {
     /// Path of the commands.

@@ -52,7 +52,7 @@ impl Sink for ColumnExport {
     }
 }
 
-/// A cell as text: quoted if it is one, empty for NaN.
+/// Formats a cell: a text in quotation marks, NaN as an empty cell.
 fn text_of(cell: FieldCell) -> String {
     match cell {
         FieldCell::Text(text) => format!("\"{}\"", text.replace('"', "\"\"")),

@@ -123,8 +123,8 @@ impl InputHistory {
             || is_missing(*vehicle, &self.vehicles_read, (source, input.vehicle_read))
     }
 
-    /// Adds messages that a turn refers to and that were recorded after it: a message may be published, read and recorded as read
-    /// while an observer is between two topics.
+    /// Adds messages that a turn refers to and that were recorded after it: a message may be published, read and recorded as read while an
+    /// observer is polling another topic.
     fn complete(&self, source: u64, turn: &mut RecordedTurn) {
         let named = self.named(source, turn.input);
         turn.pose = turn.pose.or(named.pose);

@@ -45,7 +45,7 @@ pub fn numbered(path: &Path) -> (PathBuf, Option<usize>) {
     }
 }
 
-/// When a flight begins, and when its record does \[ns, time of the file\].
+/// Beginning of a flight, and of its record \[ns, time of the file\].
 #[derive(Clone, Copy, Debug)]
 struct Start {
     armed_ns: u64,

@@ -235,7 +235,7 @@ impl McapRecorder {
         self.event((received_at, telemetry.time), severity, ("daemon", &text));
     }
 
-    /// Notes the daemon that publishes. Another one has the settings of its configuration; the message of its start may be lost.
+    /// Records which daemon publishes. Another daemon has the settings of its own configuration; the message of its start may be lost.
     fn note_daemon(&mut self, source: u64, starts: bool) {
         if self.daemon.replace(source).is_some_and(|last| last != source) || starts {
             self.thread.clear_repeated();

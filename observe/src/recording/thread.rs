@@ -144,7 +144,7 @@ impl RecordingThread {
         self.send(QueuedRecord::Repeated(Box::new(repeated)));
     }
 
-    /// Forgets the messages that later files begin with.
+    /// Discards the messages with which later files begin.
     pub fn clear_repeated(&mut self) {
         self.hand_over();
         self.send(QueuedRecord::ClearRepeated);
@@ -295,7 +295,7 @@ impl Files {
         finished
     }
 
-    /// Notes size and place of the latest file, open as `file`.
+    /// Records size and path of the latest file, open as `file`.
     fn note(&mut self, file: &File) {
         let (Ok(found), Some(path)) = (file.metadata(), self.result.files.last_mut()) else {
             return;

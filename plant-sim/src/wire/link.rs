@@ -6,9 +6,9 @@ use oqtal_runtime::faults::RadioDisturbance;
 /// Direction of bytes through a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkDirection {
-    /// From the host to the vehicle.
+    /// Direction from the host to the vehicle.
     Up,
-    /// From the vehicle to the host.
+    /// Direction from the vehicle to the host.
     Down,
 }
 

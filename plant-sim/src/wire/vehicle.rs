@@ -124,8 +124,8 @@ impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
         while self.host_reads_next(now, &mut use_bytes).is_some() {}
     }
 
-    /// Passes the bytes, or the next packet, that have arrived at the host by `now` to `use_bytes`, and returns its result; `None`
-    /// if nothing has.
+    /// Passes the bytes, or the next packet, that have arrived at the host by `now` to `use_bytes`, and returns its result; `None` if
+    /// nothing has arrived.
     pub fn host_reads_next<T>(
         &mut self,
         now: Time,

@@ -71,7 +71,7 @@ impl Default for LowerEnvelope {
 }
 
 impl LowerEnvelope {
-    /// Forgets all pairs.
+    /// Discards all pairs.
     pub fn clear(&mut self) {
         self.intervals.clear();
         self.line = EnvelopeLine::default();

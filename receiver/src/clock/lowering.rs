@@ -1,7 +1,7 @@
 //! Lowerings of the line below the arrivals, which indicate a small step forward of a server's clock.
 //!
-//! Nothing arrives before it was captured: the line falls with the first frames behind a step forward, by the step and within a few
-//! frames. As more and more fast frames are seen it falls too, but slowly.
+//! Nothing arrives before it was captured: the line falls with the first frames behind a step forward, by the step and within a few frames.
+//! The line also falls as more and more fast frames arrive, but slowly.
 
 use oqtal_bus::time::{Span, Time};
 

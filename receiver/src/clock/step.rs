@@ -13,7 +13,7 @@ const INTERVALS: usize = 32;
 const LEAST_INTERVALS: usize = 8;
 /// Least contraction that counts \[ns\]: stamps scatter, too.
 const LEAST_CONTRACTION_NS: i64 = 1_000_000;
-/// Part of the contraction by which every delay behind a step is greater at least \[-\]; the rest is error of the line.
+/// Least increase of every delay after a step, as a part of the contraction \[-\]; the rest is error of the line.
 const LEAST_RISE: f64 = 0.75;
 
 /// Hypothesis of a step back.

@@ -82,7 +82,7 @@ pub struct IntervalFigures {
 /// The server's clock as seen from here.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct ClockFigures {
-    /// Whether it is known.
+    /// Whether the server's clock is known.
     pub known: bool,
     /// Our clock minus the server's, the least delay included \[ns\].
     pub offset_ns: i64,
@@ -92,16 +92,16 @@ pub struct ClockFigures {
     pub residual_p99_ns: i64,
     /// Error of an instant of capture that 99 of 100 do not exceed, the least delay excluded \[ns\].
     pub uncertainty_ns: i64,
-    /// How often the clock was set meanwhile \[-\].
+    /// Number of times that the clock was set during the probe \[-\].
     pub relearned: u64,
 }
 
 /// Standard deviations of a body at rest in a window of a second; of a probe, their median over all windows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct NoiseFigures {
-    /// Of the position \[mm, axes of the room\].
+    /// Standard deviation of the position \[mm, axes of the room\].
     pub position_mm: [f64; 3],
-    /// Of the attitude \[deg, axes of the body\].
+    /// Standard deviation of the attitude \[deg, axes of the body\].
     pub attitude_deg: [f64; 3],
 }
 

@@ -69,8 +69,7 @@ pub(super) fn falsify<M: Message>(message: &mut M, fault: &Fault, generator: &mu
     }
 }
 
-/// Adds noise to a pose: to its position, or to its attitude if the magnitude of `fault` is an angle. A frozen pose with noise
-/// gets both.
+/// Adds noise to a pose: to its position, or to its attitude if the magnitude of `fault` is an angle. A frozen pose with noise has both.
 pub(super) fn add_noise<M: Message>(message: &mut M, fault: &Fault, generator: &mut Generator) {
     let message: &mut dyn Any = message;
     let Some(pose) = message.downcast_mut::<PoseV1>() else { return };

@@ -17,7 +17,7 @@ pub struct Outage {
     pub from: Time,
     /// End of the interval; `None` for an unlimited one.
     pub until: Option<Time>,
-    /// Delay of each turn; `None` if the process does not act at all.
+    /// Delay of each turn; `None` if the process does not run at all.
     pub lateness: Option<Span>,
     /// Whether the process is killed and must be restarted at the end.
     pub is_kill: bool,

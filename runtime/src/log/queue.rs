@@ -62,8 +62,8 @@ enum Entry {
 pub(super) struct LogQueue {
     entries: Sender<Entry>,
     dropped: Arc<AtomicU64>,
-    /// Whether records of iceoryx2 are logged as they come. Otherwise only its errors are, without their fields: it prints its
-    /// data structures.
+    /// Whether all records of iceoryx2 are logged unchanged. Otherwise only its errors are logged, without their fields, which contain
+    /// whole data structures.
     is_detailed: bool,
 }
 

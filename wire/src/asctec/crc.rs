@@ -2,8 +2,8 @@
 
 use crc::{Algorithm, Crc};
 
-/// Parameters of the firmware's CRC. Its register starts at 0x00FF and is shifted to the right, which is `init` 0xFF00 in the
-/// notation of the CRC catalogue; the catalogue has several CRCs of this polynomial, none with this start.
+/// Parameters of the firmware's CRC. Its register starts at 0x00FF and is shifted to the right, which is `init` 0xFF00 in the notation of
+/// the CRC catalogue; the catalogue has several CRCs of this polynomial, but none with this initial value.
 const ASCTEC: Algorithm<u16> = Algorithm {
     width: 16,
     poly: 0x1021,

@@ -104,7 +104,7 @@ payload! {
         acc_y_calib: i16,
         /// Calibrated accelerometer \[1e-4 g\].
         acc_z_calib: i16,
-        /// Horizontal acceleration \[1e-4 g\].
+        /// Horizontal acceleration, x \[1e-4 g\].
         acc_x: i16,
         /// Horizontal acceleration \[1e-4 g\].
         acc_y: i16,

@@ -5,8 +5,8 @@ use std::f64::consts::FRAC_1_SQRT_2;
 /// Greatest magnitude of a component \[-\].
 const FULL: u32 = (1 << 9) - 1;
 
-/// Compresses the unit quaternion `[x, y, z, w]` \[-\]; the attitude is kept to 0.28 degrees. Three components
-/// that are each wrong by half a step of the same sign make the largest wrong by three halves where all are alike.
+/// Compresses the unit quaternion `[x, y, z, w]` \[-\]; the attitude is kept to 0.28 degrees. If all components are equal and three of them
+/// have an error of half a step with the same sign, the largest one has an error of three halves of a step.
 pub fn compress(quaternion: [f64; 4]) -> u32 {
     let magnitude = |index: &usize| quaternion[*index].abs();
     // The first of equal ones, as every other implementation has it.

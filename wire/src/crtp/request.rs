@@ -23,7 +23,7 @@ pub enum CrtpRequest {
     Null,
     /// Bytes that the vehicle sends back.
     Echo(u64),
-    /// Asks who is there.
+    /// Asks for the source identification of the link service.
     Source,
     /// Asks for the protocol version.
     ProtocolVersion,

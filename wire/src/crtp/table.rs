@@ -80,7 +80,7 @@ pub struct TableElement<'a> {
     pub kind: u8,
     /// Name of its group.
     pub group: &'a str,
-    /// Its name within the group.
+    /// Name of the entry within the group.
     pub name: &'a str,
 }
 

@@ -38,12 +38,12 @@ pub enum CameraProtocol {
 /// Delivery of the frames of NatNet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NatnetDelivery {
-    /// By the server's own setting: to its multicast group, or to this client.
+    /// Delivery by the server's own setting: to its multicast group, or to this client.
     #[default]
     Announced,
-    /// To this multicast group.
+    /// Delivery to this multicast group.
     Multicast(Ipv4Addr),
-    /// To this client.
+    /// Delivery to this client by unicast.
     Unicast,
 }
 

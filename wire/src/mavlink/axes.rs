@@ -13,14 +13,14 @@ pub fn attitude_axes([x, y, z, w]: [f64; 4]) -> [f64; 4] {
     [x, -y, -z, w]
 }
 
-/// Quaternion as MAVLink orders it, scalar first, in its axes, of unit length to the last bit of `f32` \[-\].
+/// Converts an attitude in our axes, scalar last, to a MAVLink quaternion, scalar first, of unit length to the last bit of `f32` \[-\].
 pub(super) fn wire_quaternion(attitude: [f64; 4]) -> [f32; 4] {
     let [x, y, z, w] = attitude_axes(attitude);
     let norm = (x * x + y * y + z * z + w * w).sqrt();
     [w, x, y, z].map(|number| (number / norm) as f32)
 }
 
-/// Attitude of a quaternion as MAVLink orders it, scalar last, in our axes \[-\].
+/// Converts a MAVLink quaternion, scalar first, to an attitude in our axes, scalar last \[-\].
 pub(super) fn from_wire_quaternion([w, x, y, z]: [f32; 4]) -> [f64; 4] {
     attitude_axes([x, y, z, w].map(f64::from))
 }
@@ -34,7 +34,7 @@ pub(super) fn wire_angles(attitude: [f64; 4]) -> [f32; 3] {
     [roll, pitch, yaw].map(|angle| angle as f32)
 }
 
-/// Attitude of roll, pitch and yaw in MAVLink's axes, scalar last, in our axes \[-\].
+/// Converts roll, pitch and yaw in MAVLink's axes \[rad\] to an attitude in our axes, scalar last \[-\].
 pub(super) fn from_wire_angles([roll, pitch, yaw]: [f32; 3]) -> [f64; 4] {
     let half = |angle: f32| (f64::from(angle) / 2.0).sin_cos();
     let ((sr, cr), (sp, cp), (sy, cy)) = (half(roll), half(pitch), half(yaw));

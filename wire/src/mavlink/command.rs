@@ -76,17 +76,17 @@ impl CommandKind {
 /// Result of a command, MAV_RESULT.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AckResult {
-    /// Executed.
+    /// The command was executed.
     Accepted,
-    /// Cannot be executed now.
+    /// The command cannot be executed now.
     TemporarilyRejected,
     /// The parameters of the command are wrong.
     Denied,
-    /// Unknown.
+    /// The command is unknown.
     Unsupported,
-    /// Failed.
+    /// The command failed.
     Failed,
-    /// Being executed: another result follows.
+    /// The command is being executed: another result follows.
     InProgress,
     /// Anything else.
     OtherResult,

@@ -73,8 +73,8 @@ impl MavlinkEncoder {
         (self.sequence, self.signer.as_ref().map_or(0, Signer::stamp))
     }
 
-    /// Continues behind the packets of another encoder of this sender, which has reached this [`Self::position`]. The stamp never falls:
-    /// this encoder may have followed later stamps of received packets.
+    /// Continues behind the packets of another encoder of this sender, which has reached this [`Self::position`]. The stamp never
+    /// decreases: this encoder may already have adopted later stamps of received packets.
     pub fn continue_at(&mut self, (sequence, stamp): (u8, u64)) {
         self.sequence = sequence;
         if let Some(signer) = &mut self.signer {
@@ -159,8 +159,8 @@ impl Grammar for MavlinkGrammar {
     }
 }
 
-/// Verdict on a packet of `whole` bytes with an unknown message, whose checksum cannot be computed: accepted if another packet
-/// follows it. Otherwise, noise that looks like its beginning would cost the packets behind it.
+/// Verdict on a packet of `whole` bytes with an unknown message, whose checksum cannot be computed: accepted if another packet follows it.
+/// Otherwise, noise that looks like the beginning of a packet would cause the loss of the packets behind it.
 fn unknown(bytes: &[u8], whole: usize) -> Verdict<MavlinkPacket> {
     match bytes.get(whole) {
         Some(&START) => Verdict::Accept(whole, None),

@@ -1,6 +1,6 @@
 //! Signatures of MAVLink 2: signing of packets, and the check of received ones.
 //!
-//! A signature is the beginning of SHA-256 over a secret key, the packet and a stamp that rises with every packet, so that replayed
+//! A signature is the beginning of SHA-256 over a secret key, the packet and a stamp that increases with every packet, so that replayed
 //! packets are rejected.
 
 use std::fmt;
@@ -87,7 +87,7 @@ impl Signer {
         self.stamp
     }
 
-    /// Makes the stamp of the next packet `stamp` at least: stamps must not fall.
+    /// Raises the stamp of the next packet to at least `stamp`: stamps must not decrease.
     pub(super) fn raise_stamp(&mut self, stamp: u64) {
         self.stamp = self.stamp.max(stamp);
     }
@@ -143,7 +143,7 @@ impl SignatureCheck {
         Self { key, newest: stamp_of(unix_us), streams: [None; MAX_SENDERS] }
     }
 
-    /// Checks a packet of `from`, `signed` if it has a signature, and remembers its stamp if it is accepted.
+    /// Checks a packet of `from`, `signed` if it has a signature, and stores its stamp if it is accepted.
     pub fn accepts(&mut self, from: MavlinkAddress, signed: Option<&SignedBytes>) -> bool {
         let Some((bytes, link, stamp, signature)) = signed.and_then(SignedBytes::parts) else {
             return false;

@@ -12,11 +12,11 @@ const PREFIX: usize = 5;
 /// Kind of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MspKind {
-    /// From the host.
+    /// Request from the host.
     Request,
-    /// From the vehicle: the request was executed.
+    /// Reply of the vehicle: the request was executed.
     Reply,
-    /// From the vehicle: the request is unknown, or was refused.
+    /// Refusal by the vehicle: the request is unknown, or was refused.
     Refusal,
 }
 
@@ -41,7 +41,7 @@ impl MspKind {
 pub struct MspPacket {
     /// Kind of the packet.
     pub kind: MspKind,
-    /// Its command, of [`super::command`] \[-\].
+    /// Command number, one of [`super::command`] \[-\].
     pub command: u8,
     bytes: [u8; MAX_MSP_PAYLOAD + MSP_ENVELOPE],
     length: usize,

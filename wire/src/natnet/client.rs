@@ -40,7 +40,7 @@ pub enum NatNetClientError {
     Version(NatNetVersion),
 }
 
-/// The client's end: datagrams in, events and datagrams out. Datagrams of the command socket and of the multicast group are both
+/// Client side of the protocol: datagrams in, events and datagrams out. Datagrams of the command socket and of the multicast group are both
 /// given to [`NatNetClient::receive`]. It does not allocate after the server info.
 ///
 /// [`NatNetClient::poll_output`] returns the datagram that is due: requests are repeated until they are answered, and a unicast client
@@ -80,7 +80,7 @@ impl NatNetClient {
         }
     }
 
-    /// Next message that the client waits for.
+    /// Message that the client waits for next.
     pub fn stage(&self) -> NatNetStage {
         self.stage
     }

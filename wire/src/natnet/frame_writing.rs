@@ -1,4 +1,4 @@
-//! Frames, as a server writes them.
+//! Encodes frames as a NatNet server writes them.
 
 use super::message::{MessageId, NatNetVersion, write_content};
 use super::model::BodyDefinition;

@@ -137,7 +137,7 @@ impl QtmClient {
         std::mem::take(&mut self.dialogue.output)
     }
 
-    /// Gives the bytes to be sent to the server to `send`, if there are any, and empties the output without giving its memory back.
+    /// Passes the bytes to be sent to the server to `send`, if there are any, and empties the output without freeing its memory.
     ///
     /// # Errors
     /// That of `send`.

@@ -14,7 +14,7 @@ use crate::motion::MotionFrame;
 /// Version that the server reports. Clients compare its major number.
 const SERVER_VERSION: &str = "2.17 (build 4000)";
 
-/// Length of the answers above which further commands wait \[bytes\]: what a client does not read holds up that client alone.
+/// Length of the answers above which further commands wait \[bytes\]: answers that a client does not read delay only that client.
 const MAX_ANSWERS: usize = 1 << 17;
 
 /// The server's end of a connection: bytes of the client in, bytes to the client out.

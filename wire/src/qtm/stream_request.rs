@@ -75,13 +75,13 @@ impl fmt::Display for StreamRate {
     }
 }
 
-/// Where the frames of a stream go.
+/// Destination of the frames of a stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StreamTarget {
-    /// Through the connection.
+    /// The TCP connection.
     #[default]
     Tcp,
-    /// Datagrams.
+    /// UDP datagrams.
     Udp {
         /// Address; the client's if not given.
         address: Option<IpAddr>,
@@ -108,9 +108,9 @@ impl StreamTarget {
 /// A request for frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StreamRequest {
-    /// Which frames.
+    /// Selection of the frames.
     pub rate: StreamRate,
-    /// Where they go.
+    /// Destination of the frames.
     pub target: StreamTarget,
     /// Components of the frames.
     pub components: ComponentSet,

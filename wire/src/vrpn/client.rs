@@ -57,8 +57,8 @@ pub enum VrpnClientError {
 /// The client's end of a connection: bytes of the server in, events and bytes to the server out.
 ///
 /// Give received bytes to [`VrpnClient::receive`], call [`VrpnClient::poll`] until it returns `None`, and send the bytes of
-/// [`VrpnClient::take_output`] or [`VrpnClient::flush`]: there is no allocation after the start. The procedure is the same for
-/// both kinds of connection.
+/// [`VrpnClient::take_output`] or [`VrpnClient::flush`]: this does not allocate after the start. The procedure is the same for both kinds
+/// of connection.
 #[derive(Clone, Debug)]
 pub struct VrpnClient {
     stream: VrpnStream,
@@ -138,7 +138,7 @@ impl VrpnClient {
         std::mem::take(&mut self.state.output)
     }
 
-    /// Gives the bytes to be sent to the server to `send`, if there are any, and empties the output without giving its memory back.
+    /// Passes the bytes to be sent to the server to `send`, if there are any, and empties the output without freeing its memory.
     ///
     /// # Errors
     /// That of `send`.

@@ -1,9 +1,9 @@
-//! Names by number, as one end describes them.
+//! Names by number, as one peer describes them.
 
-/// Greatest number of names of one end; further ones are not kept \[-\].
+/// Maximum number of names of one peer; further ones are not kept \[-\].
 const MAX_NAMES: usize = 2000;
 
-/// Names of senders or types by the numbers of the end that describes them.
+/// Names of senders or types by the numbers of the peer that describes them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct NameTable {
     names: Vec<Option<String>>,

@@ -19,7 +19,7 @@ const PONG: i32 = 1;
 #[error("the client does not use VRPN")]
 pub struct NotVrpn;
 
-/// The server's end of a connection: bytes of the client in, bytes to the client out. Every body is a tracker with one sensor.
+/// Server side of a connection: bytes of the client in, bytes to the client out. Every body is a tracker with one sensor.
 #[derive(Clone, Debug)]
 pub struct VrpnSession {
     stream: VrpnStream,

@@ -9,7 +9,7 @@ use super::frame::{ApiFrame, Payload, TooLong, UNKNOWN_NETWORK};
 use super::packet::{MAX_PAYLOAD, WireBytes};
 use crate::stream::{DecodedEvents, DecoderCounters};
 
-/// Address of the radio at the other end of the air.
+/// Address of the remote radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Address {
     /// Address of 16 bits: frames 0x01, 0x81 and 0x89.
@@ -64,14 +64,14 @@ pub enum RadioEvent {
         /// The payload.
         payload: Payload,
     },
-    /// To the host: delivery report of a request.
+    /// Delivery report of a request, for the host.
     Delivery {
         /// Number of the request \[-\].
         id: u8,
         /// Whether the other radio acknowledged the packet.
         delivered: bool,
     },
-    /// To the host: status of its radio, as in Digi's manuals; 0 and 1 are resets.
+    /// Status of the host's radio, as in Digi's manuals; 0 and 1 are resets.
     Modem(u8),
 }
 

@@ -107,7 +107,7 @@ fn set_up(near: &OwnedFd, far: &OwnedFd) -> rustix::io::Result<()> {
     fcntl_lock(far, FlockOperation::NonBlockingLockExclusive)
 }
 
-/// Makes `link` a symbolic link to `terminal`.
+/// Creates the symbolic link `link` to `terminal`.
 fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     let error = match symlink(terminal, link) {
         Ok(()) => return Ok(()),
