@@ -70,7 +70,7 @@ pub struct SafetyOptions {
     pub arming_z_m: [f64; 2],
     /// Greatest tilt at which the vehicle may be armed \[deg\].
     pub arming_tilt_deg: f64,
-    /// Whether a real vehicle may be armed on emulated poses: on the table, propellers off, or tied down (operations.md, step 10).
+    /// Whether a real vehicle may be armed on emulated poses: on the table, propellers off, or tied down (operations.md, steps 8 to 10).
     pub allow_emulated_poses: bool,
     /// Whether the daemon runs its loop and publishes telemetry but never flies. Set automatically during playback of a
     /// recording.
