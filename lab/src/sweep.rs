@@ -13,7 +13,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
-use self::axis::{Axis, combinations, shown};
+use self::axis::{SweptKey, combinations, shown};
 use crate::csv_text;
 use crate::output::{ExistingArgs, StudyOutput, write_file};
 use crate::progress::Progress;
@@ -32,8 +32,8 @@ const FILE: &str = "sweep.csv";
 #[derive(Args, Debug)]
 pub struct SweepArgs {
     /// Keys of the configuration with their values: KEY=FIRST:LAST:NUMBER, evenly spaced, or KEY=A,B,C; every combination is flown
-    #[arg(required = true, value_name = "KEY=FIRST:LAST:NUMBER", value_parser = Axis::parse)]
-    axes: Vec<Axis>,
+    #[arg(required = true, value_name = "KEY=FIRST:LAST:NUMBER", value_parser = SweptKey::parse)]
+    axes: Vec<SweptKey>,
     /// Laws to fly
     #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
     laws: Vec<String>,
@@ -254,7 +254,7 @@ impl SweepArgs {
                 has_landed && *first.entry(others).or_insert(figures) == figures
             })
         };
-        let idle_key = |(k, axis): (usize, &Axis)| {
+        let idle_key = |(k, axis): (usize, &SweptKey)| {
             let laws = self.laws.iter().map(String::as_str).filter(|law| is_idle(k, law));
             let names = laws.collect::<Vec<_>>().join(", ");
             (!names.is_empty()).then(|| format!("{} makes no difference to {names}", axis.key))

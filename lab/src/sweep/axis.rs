@@ -1,4 +1,4 @@
-//! Axes of a sweep: keys of the configuration with their values.
+//! The axes of a sweep: keys of the configuration with their values.
 
 use std::collections::BTreeSet;
 
@@ -10,15 +10,15 @@ const MOST_COMBINATIONS: usize = 100_000;
 
 /// Key of the configuration, and its values.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
+pub struct SweptKey {
     /// The key.
     pub key: String,
     /// Values of the key, in the order given.
     pub values: Vec<toml::Value>,
 }
 
-impl Axis {
-    /// Axis from `KEY=FIRST:LAST:NUMBER` or `KEY=A,B,C`.
+impl SweptKey {
+    /// The key with its values, from `KEY=FIRST:LAST:NUMBER` or `KEY=A,B,C`.
     ///
     /// # Errors
     /// The text has another form.
@@ -76,9 +76,9 @@ fn spaced(first: f64, last: f64, number: usize) -> Vec<toml::Value> {
 ///
 /// # Errors
 /// A key is given twice, or there are too many combinations (exit code 64).
-pub fn combinations(axes: &[Axis]) -> Result<Vec<Vec<toml::Value>>, Failure> {
+pub fn combinations(axes: &[SweptKey]) -> Result<Vec<Vec<toml::Value>>, Failure> {
     let mut keys = BTreeSet::new();
-    if let Some(Axis { key, .. }) = axes.iter().find(|axis| !keys.insert(&axis.key)) {
+    if let Some(SweptKey { key, .. }) = axes.iter().find(|axis| !keys.insert(&axis.key)) {
         let reason = format!("{key} is given twice; give all its values once, as {key}=A,B,C");
         return Err(Failure::new(Exit::Usage, reason));
     }
@@ -114,24 +114,24 @@ mod tests {
 
     #[test]
     fn an_axis_is_evenly_spaced_or_listed() {
-        let lag = Axis::parse("plant.rate-lag-ms=30:90:3").unwrap();
+        let lag = SweptKey::parse("plant.rate-lag-ms=30:90:3").unwrap();
         assert_eq!(lag.values, [30.0, 60.0, 90.0].map(toml::Value::from));
-        let cells = Axis::parse("control.oqtal.cells=floor,centred").unwrap();
+        let cells = SweptKey::parse("control.oqtal.cells=floor,centred").unwrap();
         assert_eq!(cells.values, ["floor", "centred"].map(toml::Value::from));
-        let walls = Axis::parse("fence.x-m=[-3,3],[-4.0,4.0]").unwrap();
+        let walls = SweptKey::parse("fence.x-m=[-3,3],[-4.0,4.0]").unwrap();
         let texts: Vec<String> = walls.values.iter().map(toml::Value::to_string).collect();
         assert_eq!(texts, ["[-3, 3]", "[-4.0, 4.0]"]);
-        assert!(Axis::parse("lag=30:90").unwrap_err().contains("write lag=30:90:7"));
+        assert!(SweptKey::parse("lag=30:90").unwrap_err().contains("write lag=30:90:7"));
         for text in
             ["lag", "lag=1:2", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3", "lag=4:4:3"]
         {
-            assert!(Axis::parse(text).is_err(), "{text}");
+            assert!(SweptKey::parse(text).is_err(), "{text}");
         }
     }
 
     #[test]
     fn combinations_are_all_of_them_and_bounded() {
-        let axis = |text| Axis::parse(text).unwrap();
+        let axis = |text| SweptKey::parse(text).unwrap();
         let all = combinations(&[axis("a=1:2:2"), axis("b=x,y,z")]).unwrap();
         assert_eq!(all.len(), 6);
         assert_eq!(all[1], [toml::Value::from(1.0), toml::Value::from("y")]);
