@@ -7,6 +7,9 @@ use oqtal_control::quantity::{StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::actuation::actuation_of;
 
+/// Fraction of its limit above which a rotation command counts as saturated \[-\].
+pub(crate) const SATURATED: f64 = 1.0 - 1e-9;
+
 /// A command about the vehicle's rotation, in the form that the vehicle takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RotationCommand {

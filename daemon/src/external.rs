@@ -13,13 +13,11 @@ use oqtal_control::quantity::{StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Reference;
 
-use crate::command::{RotationCommand, VehicleCommand};
+use crate::command::{RotationCommand, SATURATED, VehicleCommand};
 use crate::stack::ControlOutput;
 
 /// Tolerance for rounding: part by which an answer may exceed the vehicle's range, and the norm of a quaternion 1 \[-\].
 const TOLERANCE: f64 = 1e-6;
-/// Fraction of its limit above which a rotation command counts as saturated \[-\].
-const SATURATED: f64 = 1.0 - 1e-9;
 
 /// A law outside the daemon: in this process, or behind a socket.
 pub trait ExternalLaw {

@@ -14,14 +14,11 @@ use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::tracking_error::AttitudeError;
 use oqtal_control::trajectory::Reference;
 
-use crate::command::{RotationCommand, VehicleCommand};
+use crate::command::{RotationCommand, SATURATED, VehicleCommand};
 use crate::command_model::{CommandModel, inertia};
 
 /// Greatest stick \[-\].
 const MAX_STICK: f64 = 1.0;
-
-/// Fraction of its limit above which a rotation command counts as saturated \[-\].
-const SATURATED: f64 = 1.0 - 1e-9;
 
 /// Share of the rates of roll and pitch that a reference may demand \[-\]; the rest is for corrections.
 const REFERENCE_RATE_SHARE: f64 = 0.9;

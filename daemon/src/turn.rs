@@ -112,9 +112,13 @@ impl<T: Transport> DaemonPorts<T> {
     ) -> Result<(), BusError> {
         if input_record::is_worth_recording(&input) {
             self.publish_copies(pose, vehicle, &mut input)?;
-            self.inputs.send(0, Stamps::default(), input)?;
+            self.record_input(input)?;
         }
         Ok(())
+    }
+
+    fn record_input(&mut self, input: InputV1) -> Result<(), BusError> {
+        self.inputs.send(0, Stamps::default(), input).map(drop)
     }
 
     /// Publishes copies of the samples taken in a turn if they may have been altered, and names the copies in `input`.
@@ -145,8 +149,7 @@ impl<T: Transport> DaemonPorts<T> {
         cause: Cause,
         expects_flight: bool,
     ) -> Result<(), BusError> {
-        let record = input_record::start(now, stays, cause, expects_flight);
-        self.inputs.send(0, Stamps::default(), record).map(drop)
+        self.record_input(input_record::start(now, stays, cause, expects_flight))
     }
 }
 
@@ -177,7 +180,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
         let Self { ports, cycle, handle, .. } = self;
         if ports.stop.are_files_lost() {
             cycle.lose_files(now);
-            ports.inputs.send(0, Stamps::default(), input_record::lost_files(now))?;
+            ports.record_input(input_record::lost_files(now))?;
         }
         while let Some((command, event, response)) =
             handle.poll_request(|request| execute(cycle, now, request))
@@ -187,11 +190,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
             // A refused request without a content has no event.
             let event = if is_refused && !command.changes_flight() { 0 } else { event };
             let configs_differ = u8::from(configs_differ);
-            ports.inputs.send(
-                0,
-                Stamps::default(),
-                InputV1 { configs_differ, event, ..request },
-            )?;
+            ports.record_input(InputV1 { configs_differ, event, ..request })?;
         }
         Ok(())
     }
@@ -214,7 +213,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
     ) -> Result<ControlResponseV1, BusError> {
         let response = self.cycle.change(now, change);
         let input = InputV1 { event, ..input_record::request(now, command, &response) };
-        self.ports.inputs.send(0, Stamps::default(), input)?;
+        self.ports.record_input(input)?;
         Ok(response)
     }
 
@@ -228,11 +227,7 @@ impl<T: Transport> DaemonTurn<'_, T> {
         command: OperatorCommand,
     ) -> Result<ControlResponseV1, BusError> {
         let response = self.cycle.request(now, command);
-        self.ports.inputs.send(
-            0,
-            Stamps::default(),
-            input_record::request(now, command, &response),
-        )?;
+        self.ports.record_input(input_record::request(now, command, &response))?;
         Ok(response)
     }
 }
