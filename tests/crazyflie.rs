@@ -4,6 +4,7 @@ mod air;
 mod laboratory;
 
 use std::net::UdpSocket;
+use std::time::Duration;
 
 use crate::common::network::free_port;
 use crate::common::{
@@ -14,6 +15,7 @@ use oqtal_bridge::Note;
 use oqtal_bus::code::VehicleRefusal;
 use oqtal_bus::topic::Role;
 use oqtal_plant_sim::wire::CrtpVehicle;
+use oqtal_wire::crazyflie_sitl::HELLO;
 use oqtal_wire::crtp::{CrtpRequest, Supervision, SupervisorCommand};
 use rustix::process::Signal;
 
@@ -181,6 +183,32 @@ fn f25_a_second_bridge_at_the_same_vehicle_is_refused_on_any_instance() {
     let _bridge = first.start(&bridge);
     wait_for("the first bridge", || first.bus().holder(&Role::Bridge.health()).unwrap());
     second.refuses(&bridge, 75, &["is used by another process"]);
+}
+
+/// The firmware announces itself and sends nothing else, as the one of 2024 in some of its starts.
+#[test]
+fn a_firmware_that_hangs_in_its_start_ends_the_flight_with_a_remedy() {
+    let testbed = Testbed::new("firmware-hangs");
+    let [body, crtp] = [free_port(), free_port()].map(|port| format!("127.0.0.1:{port}"));
+    let firmware = UdpSocket::bind("127.0.0.1:0").unwrap();
+    firmware.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    let starts = || {
+        let _ = firmware.send_to(&HELLO, &body);
+        firmware.recv(&mut [0; 64]).ok()
+    };
+    let (link, truth) =
+        (format!("link:crtp:udp:{crtp}"), format!("crazyflie-sitl:udp:{body},crtp={crtp}"));
+    let out = testbed.path("out").display().to_string();
+    let words = ["fly", "--vehicle", &link, "--truth", &truth, "--duration", "2", "--out", &out];
+    let words = [&words[..], &["--set", "vehicle.preset=crazyflie-2.1"]].concat();
+    std::thread::scope(|threads| {
+        threads.spawn(|| wait_for("the body", starts));
+        testbed.refuses(&words, 75, &["does not answer", "start it again", "plant-sim.log"]);
+    });
+    let log = |name| std::fs::read_to_string(testbed.path("out").join(name)).unwrap();
+    let plant = log("plant-sim.log");
+    assert!(plant.contains("does not calibrate its sensors: start it again"), "{plant}");
+    assert!(!log("daemon.log").contains("in flight"), "it never took off");
 }
 
 /// cflib 0.1.34 connects to the emulated vehicle, reads both tables, sets parameters, reads log data, arms and flies it.

@@ -2,8 +2,10 @@
 
 use oqtal_bus::time::Span;
 
-/// Round trips that are kept \[-\].
-const KEPT: usize = 8;
+/// Round trips that are kept \[-\]: those of three seconds, longer than a busy vehicle pauses.
+const KEPT: usize = 32;
+/// Longest round trip that is kept; a longer one waited somewhere.
+const LONGEST: Span = Span::from_millis(100);
 
 /// The latest round trips of requests that a vehicle answers at once.
 #[derive(Clone, Copy, Debug, Default)]
@@ -13,9 +15,9 @@ pub(crate) struct RoundTrips {
 }
 
 impl RoundTrips {
-    /// Records a round trip; a negative one is ignored.
+    /// Records a round trip; a negative one and one above [`LONGEST`] are ignored.
     pub(crate) fn record(&mut self, span: Span) {
-        if span >= Span::ZERO {
+        if (Span::ZERO..=LONGEST).contains(&span) {
             self.latest[self.next] = Some(span);
             self.next = (self.next + 1) % KEPT;
         }
@@ -44,5 +46,17 @@ mod tests {
         }
         (0..KEPT).for_each(|_| trips.record(Span::from_millis(10)));
         assert_eq!(trips.one_way(), Some(Span::from_millis(5)), "the way may become longer");
+    }
+
+    #[test]
+    fn replies_that_a_vehicle_held_back_are_not_its_way() {
+        let mut trips = RoundTrips::default();
+        trips.record(Span::from_millis(577));
+        assert_eq!(trips.one_way(), None, "the first reply, of a vehicle that was starting");
+        trips.record(Span::from_millis(5));
+        // Requests every 100 ms are answered together after two seconds, then late.
+        (0..20).for_each(|held| trips.record(Span::from_millis(2000 - 100 * held)));
+        (0..10).for_each(|_| trips.record(Span::from_millis(78)));
+        assert_eq!(trips.one_way(), Some(Span::from_millis(5).scaled(0.5)));
     }
 }

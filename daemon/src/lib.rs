@@ -110,7 +110,6 @@ use oqtal_config::{Config, FaultTarget, SafetyOptions};
 use oqtal_control::trajectory::Trajectory;
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
-use oqtal_runtime::health::MotorActivity;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
@@ -203,7 +202,7 @@ pub fn run_behind(
             let turn = DaemonTurn { ports, cycle, warmup, handle, law };
             let mut turn = Consecutive(before, faulty.turn(FaultTarget::Daemon, turn));
             let ended = process_loop::run(&mut turn, &mut clock, None);
-            warn_in_flight(turn.motors(), safety);
+            warn_in_flight(turn.1.turn.is_flying(), safety);
             marker.end(ended.is_ok(), || turn.1.turn.awaits_arm());
             ended.map_err(Into::into)
         },
@@ -211,8 +210,8 @@ pub fn run_behind(
 }
 
 /// Warns of an end in flight.
-fn warn_in_flight(motors: MotorActivity, safety: &SafetyOptions) {
-    if motors == MotorActivity::MayRun && !safety.observe_only {
+fn warn_in_flight(is_flying: bool, safety: &SafetyOptions) {
+    if is_flying && !safety.observe_only {
         tracing::warn!("the daemon ends in flight: its last command stops the motors");
     }
 }

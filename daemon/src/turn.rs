@@ -195,6 +195,11 @@ impl<T: Transport> DaemonTurn<'_, T> {
         Ok(())
     }
 
+    /// Whether the last tick commanded motors.
+    pub fn is_flying(&self) -> bool {
+        Mode::from_code(self.cycle.telemetry().mode).is_some_and(Mode::commands_motors)
+    }
+
     /// Whether only an operator's `arm` may begin the next flight: after a stop, also one that no turn has read, and after a flight at
     /// start-up that was called off.
     pub fn awaits_arm(&mut self) -> bool {

@@ -12,7 +12,7 @@ mod clock;
 use std::net::SocketAddr;
 
 use oqtal_bus::message::TruthV1;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::crazyflie_sitl::{
     FirmwarePacket, HELLO, MAX_DATAGRAM, imu_datagram, is_from_client,
@@ -29,6 +29,9 @@ use clock::BodyClock;
 
 /// Maximum number of sensor samples sent in one turn \[-\]: the firmware's queue holds five packets.
 const MOST_IMU: usize = 3;
+/// Time after its start above which a firmware will not calibrate its sensors any more; it needs 1.1 s.
+const CALIBRATED_WITHIN: Span = Span::from_millis(5000);
+
 /// Addresses of a firmware's body.
 #[derive(Clone, Copy, Debug)]
 pub struct BodyAddresses {
@@ -104,6 +107,8 @@ struct FirmwareLink {
     firmware: PeerSocket,
     client: PeerSocket,
     clock: BodyClock,
+    /// Start of a firmware that has not calibrated its sensors yet.
+    uncalibrated_since: Option<Time>,
     /// Number of samples not sent because the process was late \[-\].
     late_samples: u64,
 }
@@ -124,6 +129,7 @@ impl FirmwareLink {
             relay: DatagramModel::relay(config.clock.seed),
             packet: Vec::with_capacity(MAX_DATAGRAM),
             clock: BodyClock::new(),
+            uncalibrated_since: None,
             late_samples: 0,
         })
     }
@@ -134,13 +140,16 @@ impl FirmwareLink {
         for _ in 0..MOST_READ {
             let Some((datagram, sender)) = receive(&self.firmware, &mut buffer)? else { break };
             match FirmwarePacket::decode(datagram) {
-                FirmwarePacket::Hello => self.greet(sender)?,
+                FirmwarePacket::Hello => self.greet(now, sender)?,
                 FirmwarePacket::Motors(motors) => {
                     is_driven = true;
                     self.clock.drive(now, self.body.time());
                     self.body.drive(motors);
                 }
-                FirmwarePacket::Calibrated => tracing::info!("the firmware has calibrated"),
+                FirmwarePacket::Calibrated => {
+                    self.uncalibrated_since = None;
+                    tracing::info!("the firmware has calibrated");
+                }
                 FirmwarePacket::Client => self.relay.send(LinkDirection::Down, now, datagram),
                 FirmwarePacket::Invalid => {}
             }
@@ -153,12 +162,22 @@ impl FirmwareLink {
             }
         }
         self.clock.watch(now);
+        self.watch_calibration(now);
         Ok(is_driven)
     }
 
+    /// Logs once that the firmware hangs in its start: only another start helps.
+    fn watch_calibration(&mut self, now: Time) {
+        let hangs = |since: &mut Time| now.since(*since) > CALIBRATED_WITHIN;
+        if self.uncalibrated_since.take_if(hangs).is_some() {
+            tracing::warn!("the firmware does not calibrate its sensors: start it again");
+        }
+    }
+
     /// Answers a firmware that has just started.
-    fn greet(&mut self, sender: SocketAddr) -> Result<(), Failure> {
+    fn greet(&mut self, now: Time, sender: SocketAddr) -> Result<(), Failure> {
         if self.firmware.accept(sender) {
+            self.uncalibrated_since = Some(now);
             tracing::info!(firmware = %sender, "the firmware has started");
         }
         self.firmware.send(&HELLO)

@@ -138,7 +138,7 @@ impl FlightRecording<'_> {
         let flown = state.first.map_or(Span::ZERO, |(began, _)| state.now.since(began));
         let timeout = self.link.answer_timeout(&self.mission.config);
         if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
-            return Err(self.link.never_answered());
+            return Err(self.link.never_answered(&self.mission.config.plant.truth));
         }
         if self.mission.recording.is_none() && has_lost_request(recorder) {
             return Err(called_off(

@@ -255,17 +255,28 @@ impl CommandLink {
         Span::from_seconds(millis * 1e-3) + REPORTED_WITHIN
     }
 
-    /// Failure for a vehicle that did not answer.
-    pub fn never_answered(&self) -> Failure {
+    /// Failure for a vehicle that did not answer; `truth` is the source of its true motion.
+    pub fn never_answered(&self, truth: &str) -> Failure {
         let path = self.command_path().to_string();
-        let check = if path.contains(":asctec") {
-            "that vehicle and remote control are switched on, channel 5 at \"serial\", and that baud rate and XBee mode are those of \
-             the link"
+        let (check, logs) = if !truth.is_empty() {
+            (
+                "that the firmware has the addresses of the link and of --truth, and start it again",
+                "plant-sim.log and bridge.log",
+            )
+        } else if path.contains(":asctec") {
+            (
+                "that vehicle and remote control are switched on, channel 5 at \"serial\", and that baud rate and XBee mode are those \
+                 of the link",
+                "bridge.log",
+            )
         } else {
-            "that the vehicle is switched on, and that the link has its address, or port and baud rate"
+            (
+                "that the vehicle is switched on, and that the link has its address, or port and baud rate",
+                "bridge.log",
+            )
         };
         let message = format!(
-            "the vehicle at {path} does not answer; check {check}; see bridge.log beside the report"
+            "the vehicle at {path} does not answer; check {check}; see {logs} beside the report"
         );
         Failure::new(Exit::Peer, message)
     }

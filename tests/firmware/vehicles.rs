@@ -6,7 +6,8 @@ use std::time::Duration;
 use super::program::Firmware;
 use super::relay::RelayPorts;
 
-/// Uses the sensors and motors of the simulated vehicle.
+/// Uses the sensors and motors of the simulated vehicle. Without real-time priority its tasks for radio and reports starve, on several
+/// processors it may hang in its start.
 pub const CRAZYFLIE: Firmware = Firmware {
     name: "Crazyflie",
     variable: "OQTAL_CRAZYFLIE",
@@ -21,7 +22,7 @@ pub const CRAZYFLIE: Firmware = Firmware {
     },
     truth: "crazyflie-sitl:udp:127.0.0.1:19950",
     boot: Duration::from_secs(0),
-    before: &[],
+    before: &["chrt", "-f", "10", "taskset", "-c", "0"],
     is_set_up: false,
     arguments: |_, command| {
         command.args(["19950", "127.0.0.1"]);
