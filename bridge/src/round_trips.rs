@@ -2,7 +2,7 @@
 
 use oqtal_bus::time::Span;
 
-/// Round trips that are kept \[-\]: those of three seconds, longer than a busy vehicle pauses.
+/// Round trips that are kept \[-\]: three seconds of ten a second, longer than the pauses of a busy vehicle.
 const KEPT: usize = 32;
 /// Longest round trip that is kept; a longer one waited somewhere.
 const LONGEST: Span = Span::from_millis(100);
@@ -12,14 +12,22 @@ const LONGEST: Span = Span::from_millis(100);
 pub(crate) struct RoundTrips {
     latest: [Option<Span>; KEPT],
     next: usize,
+    /// Number of longer ones since the last one that was kept \[-\].
+    longer: usize,
 }
 
 impl RoundTrips {
-    /// Records a round trip; a negative one and one above [`LONGEST`] are ignored.
+    /// Records a round trip; a negative one is ignored, and so is one above [`LONGEST`], unless so many of these follow one another that the
+    /// way has become longer: then it is unknown.
     pub(crate) fn record(&mut self, span: Span) {
         if (Span::ZERO..=LONGEST).contains(&span) {
             self.latest[self.next] = Some(span);
-            self.next = (self.next + 1) % KEPT;
+            (self.next, self.longer) = ((self.next + 1) % KEPT, 0);
+        } else if span > LONGEST {
+            self.longer += 1;
+            if self.longer >= KEPT {
+                *self = Self::default();
+            }
         }
     }
 
@@ -58,5 +66,7 @@ mod tests {
         (0..20).for_each(|held| trips.record(Span::from_millis(2000 - 100 * held)));
         (0..10).for_each(|_| trips.record(Span::from_millis(78)));
         assert_eq!(trips.one_way(), Some(Span::from_millis(5).scaled(0.5)));
+        (0..KEPT).for_each(|_| trips.record(Span::from_millis(300)));
+        assert_eq!(trips.one_way(), None, "a longer way");
     }
 }

@@ -42,6 +42,8 @@ pub enum Followed {
     Planner,
     /// The stop after a planner's references.
     Ended,
+    /// The course, while references of a planner arrive that are ignored until they pause.
+    Ignored,
 }
 
 impl Condition {

@@ -15,7 +15,7 @@ use oqtal_runtime::process::Failure;
 
 use crate::fence::Fence;
 use crate::floor::LEAST_PLAN_M;
-use crate::flyable::{check_demand, least_settle_s, tried};
+use crate::flyable::{Points, check_demand, least_settle_s};
 use crate::setpoint::{LARGEST_TURN_RAD, turns_round};
 use crate::waypoint_file::trajectory as trajectory_of;
 use ways::{TICK_POINTS, corners, lowest, point_s, references};
@@ -44,12 +44,13 @@ fn lacks_room(
     config: &Config,
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
-) -> impl Fn(f64) -> bool {
+) -> impl Fn(f64, Points) -> bool {
     let sampled = OnceCell::new();
-    move |slower| {
-        let points: &Vec<_> = sampled.get_or_init(|| tried(references(config, trajectory)));
+    move |slower, points| {
+        let all: &Vec<_> = sampled.get_or_init(|| references(config, trajectory).collect());
+        let looked_at = all.iter().copied().step_by(points.step(all.len()));
         let from = start.unwrap_or_default();
-        let ways = Way::both_flown(config, points.iter().copied(), (from, slower));
+        let ways = Way::both_flown(config, looked_at, (from, slower));
         match start {
             Some(_) => !ways.iter().all(|way| way.is_inside(&Fence::new(&config.fence))),
             None => check_span(config, &ways).is_err(),

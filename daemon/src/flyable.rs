@@ -27,9 +27,31 @@ const FLOOR_SPEED_SHARE: f64 = 0.8;
 /// Least value of `trajectory.descent-m-s` \[m/s\].
 const LEAST_DESCENT_M_S: f64 = 0.05;
 
-/// Greatest factor of time that is tried \[-\], and most points at which the factors are tried \[-\].
+/// Greatest factor of time that is tried \[-\].
 const SLOWEST: f64 = 1e3;
+/// Most points at which factors of time are tried \[-\].
 const MOST_TRIED: usize = 8000;
+/// Number of raises by a hundredth after which a factor that does not suffice at all points is given up \[-\].
+const MOST_RAISES: usize = 8;
+
+/// The points of a path that are looked at.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Points {
+    /// At most [`MOST_TRIED`], evenly spread: for a search, which looks at them many times.
+    Few,
+    /// Every one.
+    All,
+}
+
+impl Points {
+    /// Number of steps from one of `count` points to the next one that is looked at \[-\].
+    pub(crate) fn step(self, count: usize) -> usize {
+        match self {
+            Self::Few => count.div_ceil(MOST_TRIED).max(1),
+            Self::All => 1,
+        }
+    }
+}
 
 /// A limit with its key and value, and the demand on it.
 struct Demand {
@@ -99,8 +121,9 @@ impl<'a> PhaseDemand<'a> {
     }
 
     /// The greatest excess of the phase flown `slower` times as slowly \[-\], with its time \[s\]; `None` without one.
-    fn worst(&self, slower: f64) -> Option<(f64, Demand)> {
-        let demands = self.references.iter().flat_map(|(t_s, reference)| {
+    fn worst(&self, slower: f64, points: Points) -> Option<(f64, Demand)> {
+        let references = self.references.iter().step_by(points.step(self.references.len()));
+        let demands = references.flat_map(|(t_s, reference)| {
             let demand = MotionDemand::of(reference, slower, &self.model);
             demands(self.config, (&demand, self.phase)).map(|demand| (*t_s, demand))
         });
@@ -108,20 +131,15 @@ impl<'a> PhaseDemand<'a> {
         excessive.max_by(|a, b| a.1.excess().total_cmp(&b.1.excess()))
     }
 
-    /// The phase at the points at which factors of time are tried.
-    fn thinned(&self) -> Self {
-        Self { references: tried(self.references.iter().copied()), ..*self }
-    }
-
     /// Refuses the phase if it exceeds a limit. The factor of time in the error is the least one with which the flight also has room, or else
     /// the least one with which it exceeds no limit.
-    fn check(&self, lacks_room: impl Fn(f64) -> bool) -> Result<(), OptionError> {
-        let Some((t_s, demand)) = self.worst(1.0) else { return Ok(()) };
-        let tried = self.thinned();
-        let exceeds = |slower| tried.worst(slower).is_some();
-        let factor = least_factor(|slower| exceeds(slower) || lacks_room(slower));
-        let factor = factor.or_else(|| least_factor(exceeds));
-        let factor = factor.filter(|slower| self.worst(*slower).is_none());
+    fn check(&self, lacks_room: impl Fn(f64, Points) -> bool) -> Result<(), OptionError> {
+        let Some((t_s, demand)) = self.worst(1.0, Points::All) else { return Ok(()) };
+        let exceeds = |slower, points| self.worst(slower, points).is_some();
+        let factor = least_sufficient(|slower, points| {
+            exceeds(slower, points) || lacks_room(slower, points)
+        });
+        let factor = factor.or_else(|| least_sufficient(exceeds));
         Err(demand.refusal(self.phase, t_s, factor, self.config))
     }
 }
@@ -134,25 +152,19 @@ impl<'a> PhaseDemand<'a> {
 pub(crate) fn check_demand(
     config: &Config,
     trajectory: &Trajectory,
-    lacks_room: impl Fn(f64) -> bool,
+    lacks_room: impl Fn(f64, Points) -> bool,
 ) -> Result<(), OptionError> {
-    PhaseDemand::of(config, trajectory, Phase::TakeOff)?.check(|_| false)?;
+    PhaseDemand::of(config, trajectory, Phase::TakeOff)?.check(|_, _| false)?;
     check_descent(config)?;
     PhaseDemand::of(config, trajectory, Phase::Trajectory)?.check(lacks_room)
 }
 
 /// Whether the trajectory exceeds a limit of the vehicle or of the flight when it is flown this many times as slowly \[-\].
-pub(crate) fn exceeding(config: &Config, trajectory: &Trajectory) -> impl Fn(f64) -> bool {
+pub(crate) fn exceeding(config: &Config, trajectory: &Trajectory) -> impl Fn(f64, Points) -> bool {
     let demand = PhaseDemand::of(config, trajectory, Phase::Trajectory).ok();
-    let tried = demand.map(|demand| demand.thinned());
-    move |slower| tried.as_ref().is_some_and(|demand| demand.worst(slower).is_some())
-}
-
-/// The points at which factors of time are tried: at most [`MOST_TRIED`] of `all`, evenly spread.
-pub(crate) fn tried<T>(all: impl IntoIterator<Item = T>) -> Vec<T> {
-    let all = Vec::from_iter(all);
-    let step = all.len().div_ceil(MOST_TRIED).max(1);
-    all.into_iter().step_by(step).collect()
+    move |slower, points| {
+        demand.as_ref().is_some_and(|demand| demand.worst(slower, points).is_some())
+    }
 }
 
 /// Refuses a descent that is too fast for the speed limit.
@@ -204,10 +216,17 @@ fn demands(config: &Config, (demand, phase): (&MotionDemand, Phase)) -> [Demand;
     ]
 }
 
+/// The least factor of time from which on nothing `exceeds` at few points, raised until nothing does at any point; `None` without one.
+pub(crate) fn least_sufficient(exceeds: impl Fn(f64, Points) -> bool) -> Option<f64> {
+    let least = least_factor(|slower| exceeds(slower, Points::Few))?;
+    let raised = std::iter::successors(Some(least), |factor| Some((factor * 101.0).ceil() / 100.0));
+    raised.take(1 + MOST_RAISES).find(|factor| !exceeds(*factor, Points::All))
+}
+
 /// The least factor of time from which on nothing `exceeds`, at most 2 % too great; `None` if there is none. A slower flight may exceed a
 /// limit that a faster one does not, since a trajectory that leaves the vehicle weightless turns the thrust fast; far below the speed of an
 /// excess this does not happen.
-pub(crate) fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
+fn least_factor(exceeds: impl Fn(f64) -> bool) -> Option<f64> {
     if exceeds(SLOWEST) {
         return None;
     }
@@ -264,7 +283,9 @@ mod tests {
             let [second, third] = [1.0, 2.0].map(|t_s| t_s * slower);
             let table = format!("t,x,y,z\n0,0,0,1\n{second},3,0,1\n{third},0,0,1.5\n");
             let points = Waypoints::parse(&table).unwrap();
-            check_demand(&config, &config.trajectory.trajectory(Some(points)).unwrap(), |_| false)
+            check_demand(&config, &config.trajectory.trajectory(Some(points)).unwrap(), |_, _| {
+                false
+            })
         };
         let refusal = checked(1.0).unwrap_err().to_string();
         let factor = refusal.split("multiplied by ").nth(1).unwrap().split(' ').next().unwrap();

@@ -3,8 +3,7 @@
 //!
 //! The background thread accepts a connection of the same user and passes it to the loop. The loop sends the question, waits for the
 //! answer until its deadline, and discards answers to earlier questions and those that came before the question; all memory is on the
-//! stack. In virtual time, which stands
-//! still meanwhile, it waits for the first connection, and up to ten seconds for an answer.
+//! stack. In virtual time the clock stands still meanwhile: the loop waits for the first connection, and up to ten seconds for an answer.
 
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
@@ -27,7 +26,8 @@ const QUESTION: [u8; 8] = *b"OQTALST1";
 const ANSWER: [u8; 8] = *b"OQTALEX1";
 /// Length of the part of an answer that the law sends, up to the thrust \[bytes\].
 const ANSWERED: usize = 8 * (1 + 3 + 3 + 4 + 1);
-/// Most packets of a law that may wait when the next question is asked \[-\].
+/// Most packets that are read before a question \[-\]. If more wait, as after a pause of the law, the question has no answer, and the rest is
+/// read before the next ones.
 const MOST_WAITING: usize = 64;
 /// Longest wait after which the stop flag is checked.
 const STOP_CHECK: Span = Span::from_millis(20);
@@ -118,18 +118,17 @@ impl SocketLaw {
         }
     }
 
-    /// The newest packet that arrived before the question `sequence`; an answer to that question or a later one answers none. A law that
-    /// sent more than [`MOST_WAITING`] is disconnected.
-    fn early(&mut self, sequence: u64) -> Option<ExternalV1> {
+    /// The newest packet that arrived before the question `sequence`, and whether all of them were read. An answer to a question that was
+    /// not asked yet gets the sequence 0.
+    fn early(&mut self, sequence: u64) -> (Option<ExternalV1>, bool) {
         let mut newest = None;
         for _ in 0..MOST_WAITING {
-            let Some(answer) = self.arrived() else { return newest };
+            let Some(answer) = self.arrived() else { return (newest, true) };
             let is_late = answer.sequence < sequence;
             newest =
                 Some(ExternalV1 { sequence: if is_late { answer.sequence } else { 0 }, ..answer });
         }
-        self.disconnect();
-        newest
+        (newest, false)
     }
 
     /// The answer to the question `sequence`, or a malformed packet, as soon as it arrives; at `until` the newest other answer, or `early`;
@@ -171,7 +170,7 @@ impl ExternalLaw for SocketLaw {
         if self.connection.is_none() {
             return Some(without_answer(HandoverCause::Absent));
         }
-        let early = self.early(state.sequence);
+        let (early, is_read) = self.early(state.sequence);
         let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
         bytes[..QUESTION.len()].copy_from_slice(&QUESTION);
         state.encode(&mut bytes[QUESTION.len()..]);
@@ -183,7 +182,10 @@ impl ExternalLaw for SocketLaw {
             Some(Err(_)) | None => self.disconnect(),
         }
         let until = if is_virtual { asked_at + self.virtual_timeout } else { state.answer_by };
-        let answer = self.receive(state.sequence, until, early);
+        let answer = match is_read {
+            true => self.receive(state.sequence, until, early),
+            false => early,
+        };
         if !is_virtual {
             return answer.map(|answer| ExternalV1 { asked_at, ..answer });
         }

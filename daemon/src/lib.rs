@@ -91,6 +91,7 @@ mod setpoint;
 mod stack;
 mod stream;
 mod supervisor;
+mod timed_job;
 mod turn;
 mod vehicle;
 mod warmup;

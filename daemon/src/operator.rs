@@ -188,6 +188,9 @@ impl OperatorRequests {
             Followed::Planner => "references of a planner".to_owned(),
             Followed::Ended => "at the end of the references".to_owned(),
             Followed::End => format!("{course}, at its end"),
+            Followed::Ignored => {
+                format!("{course}; references of a planner are ignored until they pause")
+            }
             Followed::Course => course,
         };
         let refusal = self.last.refusal().map(|refusal| format!("set-point refused: {refusal}"));

@@ -1,7 +1,7 @@
 //! References of a planner, topic `reference`: their check, the reference between two of them, and their end.
 //!
-//! The newest accepted reference is followed until its validity ends; between two it is extrapolated. A request of an operator that
-//! changes the flight ends the stream: further references of the same planner are ignored until it pauses.
+//! The newest accepted reference is followed until its validity ends; between two it is extrapolated. The end of a flight, or an
+//! operator's request that changes one, ends the stream: further references of the same planner are ignored until it pauses.
 
 use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::ReferenceKind;
@@ -52,6 +52,8 @@ struct StreamLimits {
     rate_rad_s: [f64; 3],
     cosine_of_tilt: f64,
     longest_validity: Span,
+    /// Pause after which references are of another stream: within one validity, they are of one.
+    pause: Span,
 }
 
 /// A reference that was accepted.
@@ -134,7 +136,7 @@ pub struct ReferenceStream {
     followed: Option<FollowedReference>,
     /// Since when the vehicle holds its position because the references ended.
     ended_since: Option<Time>,
-    /// The planner whose stream an operator ended.
+    /// The planner whose stream an operator, or the end of a flight, has ended.
     ignored: Option<Writer>,
     last: Option<Writer>,
     refusal: Option<SetpointRefusal>,
@@ -165,15 +167,13 @@ impl ReferenceStream {
         (self.followed, self.ended_since, self.refusal) = (None, None, None);
     }
 
-    /// Ends the stream, since an operator now determines the flight, or it is over; references of the same writer are ignored until it
-    /// pauses.
+    /// Ends the stream, since an operator determines the flight, or it is over; its writer is ignored until it pauses.
     pub fn end(&mut self) {
         self.reset();
         self.ignored = self.last;
     }
 
-    /// Interrupts the stream: its references cannot be followed now. The time until the vehicle lands restarts. Returns whether
-    /// references were followed.
+    /// Interrupts the stream, and restarts the time until the vehicle lands. Returns whether references were followed.
     pub fn interrupt(&mut self, now: Time) -> bool {
         let was_followed = self.followed.take().is_some();
         if was_followed || self.ended_since.is_some() {
@@ -192,9 +192,7 @@ impl ReferenceStream {
     ) {
         self.last = Some((source, now));
         if let Some((ignored, at)) = &mut self.ignored {
-            // Within one validity, references are of one stream.
-            let pause = PAUSE.max(self.limits.longest_validity);
-            if *ignored == source && now.since(*at) < pause {
+            if *ignored == source && now.since(*at) < self.limits.pause {
                 *at = now;
                 return;
             }
@@ -209,6 +207,11 @@ impl ReferenceStream {
             }
             Err(refusal) => self.refusal = Some(refusal),
         }
+    }
+
+    /// Whether references arrive that are ignored.
+    pub fn is_ignored(&self, now: Time) -> bool {
+        self.ignored.is_some_and(|(_, at)| now.since(at) < self.limits.pause)
     }
 
     /// Whether references are followed.
@@ -258,13 +261,15 @@ impl ReferenceStream {
 impl StreamLimits {
     fn new(config: &Config) -> Self {
         let options = &config.reference;
+        let longest_validity = Span::from_seconds(options.longest_validity_ms * 1e-3);
         Self {
             speed_m_s: options.speed_limit_m_s,
             acceleration_m_s2: options.acceleration_limit_m_s2,
             jump_m: options.jump_limit_m,
             rate_rad_s: config.vehicle.rate_authority_rad_s,
             cosine_of_tilt: config.position.tilt_limit_deg.to_radians().cos(),
-            longest_validity: Span::from_seconds(options.longest_validity_ms * 1e-3),
+            longest_validity,
+            pause: PAUSE.max(longest_validity),
         }
     }
 

@@ -295,11 +295,7 @@ impl<T: Transport> Turn for DaemonTurn<'_, T> {
     }
 
     fn motors(&self) -> MotorActivity {
-        if self.cycle.telemetry().mode == Mode::Disarmed.code() {
-            MotorActivity::Off
-        } else {
-            MotorActivity::MayRun
-        }
+        if self.is_flying() { MotorActivity::MayRun } else { MotorActivity::Off }
     }
 
     /// Motors off.

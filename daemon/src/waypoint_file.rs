@@ -1,7 +1,6 @@
 //! The trajectory of a configuration, with its waypoint file read.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use oqtal_config::{Config, read_waypoints, waypoints_comment};
@@ -9,13 +8,10 @@ use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::refusal::Refusal;
+use crate::timed_job::in_time;
 
 /// Longest time in which a file that a request names is read.
 const READ_TIMEOUT: Duration = Duration::from_millis(500);
-/// Most files that may be waited for at once \[-\].
-const MOST_WAITING: usize = 32;
-/// Number of files that are being read for requests \[-\].
-static WAITING: AtomicUsize = AtomicUsize::new(0);
 
 /// Configuration key that names the waypoint file.
 pub(crate) const WAYPOINTS_KEY: &str = "trajectory.waypoints-file";
@@ -62,33 +58,22 @@ fn comment(config: &Config) -> String {
     config.trajectory.waypoints_file.as_deref().map_or_else(String::new, waypoints_comment)
 }
 
-/// Fails if `path` exists and is not a regular file that can be read in time: a file of another machine, or of the kernel, may block its
-/// reader, and would block every later request. Only a thread of its own waits for it.
+/// Fails if `path` exists and is not a regular file that can be read in time: one that blocks would block this and every later request. The
+/// request itself reads it again, then from the kernel's cache, and reports errors.
 pub(crate) fn require_readable_file(path: &Path) -> Result<(), Refusal> {
-    let refusal = |reason: &str| Refusal::of_setting(format!("{}: {reason}", path.display()));
-    let (sender, read) = crossbeam_channel::bounded(1);
     let file = path.to_owned();
-    if WAITING.fetch_add(1, Ordering::Relaxed) >= MOST_WAITING {
-        WAITING.fetch_sub(1, Ordering::Relaxed);
-        return Err(refusal("too many other files are still being read"));
-    }
-    let reader = std::thread::Builder::new().name("file-reader".to_owned()).spawn(move || {
+    let is_regular = in_time(READ_TIMEOUT, move || {
         let is_regular = file.metadata().map_or(true, |found| found.is_file());
-        if is_regular {
-            // The request itself reads it again, and reports errors.
-            let _ = read_waypoints(&file);
-        }
-        WAITING.fetch_sub(1, Ordering::Relaxed);
-        let _ = sender.send(is_regular);
+        // Up to the size that a request may read.
+        let _ = is_regular.then(|| read_waypoints(&file));
+        is_regular
     });
-    if reader.is_err() {
-        WAITING.fetch_sub(1, Ordering::Relaxed);
-    }
-    match read.recv_timeout(READ_TIMEOUT) {
-        Ok(true) => Ok(()),
-        Ok(false) => Err(refusal("not a regular file")),
-        Err(_) => Err(refusal("was not read within 0.5 s")),
-    }
+    let reason = match is_regular {
+        Ok(true) => return Ok(()),
+        Ok(false) => "not a regular file".to_owned(),
+        Err(reason) => reason,
+    };
+    Err(Refusal::of_setting(format!("{}: {reason}", path.display())))
 }
 
 /// Settings with the points of their waypoint file, so that a later change does not need the file, which may have been removed.

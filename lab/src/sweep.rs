@@ -1,6 +1,6 @@
 //! `oqtal sweep`: figures of laws over values of any keys of the configuration.
 
-mod axis;
+mod swept_key;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -13,7 +13,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
-use self::axis::{SweptKey, combinations, shown};
+use self::swept_key::{SweptKey, combinations, shown};
 use crate::csv_text;
 use crate::output::{ExistingArgs, StudyOutput, write_file};
 use crate::progress::Progress;
@@ -24,6 +24,9 @@ use crate::study::metric::{METRIC, METRICS};
 use crate::study::table::{mean_of, set_point_note};
 use crate::study::{Case, Flown, Run, Study, failure, records};
 use crate::text_table;
+
+/// Most combinations of a law whose warnings are looked for before the flights \[-\].
+const MOST_TRIED: usize = 16;
 
 /// File of the table.
 const FILE: &str = "sweep.csv";
@@ -121,7 +124,7 @@ impl SweepArgs {
         say_notes(rate_notes.iter().cloned().chain(law_notes));
         let case = |values: &Vec<toml::Value>| {
             let case = Case::of_seeds(self.name_of(values), self.seeds.clone());
-            self.swept(values).into_iter().fold(case, Case::with)
+            self.settings_of(values).into_iter().fold(case, Case::with)
         };
         let cases: Vec<Case> = combinations.iter().map(case).collect();
         let flown = Study { name: "sweep", laws: &laws, cases: &cases }.fly(progress)?;
@@ -134,7 +137,7 @@ impl SweepArgs {
     }
 
     /// The settings of a combination.
-    fn swept(&self, values: &[toml::Value]) -> Vec<Setting> {
+    fn settings_of(&self, values: &[toml::Value]) -> Vec<Setting> {
         let pairs = self.axes.iter().zip(values);
         pairs.map(|(axis, value)| Setting::flag("sweep", &axis.key, value.clone())).collect()
     }
@@ -146,7 +149,7 @@ impl SweepArgs {
         names.collect::<Vec<_>>().join(" ")
     }
 
-    /// The first warning of `law` that only combinations cause, other than those `told`, with the first and the number of these.
+    /// The first warning of `law` that only combinations cause, other than those `told`, with the first of some combinations over the range.
     fn law_note(
         &self,
         law: &StudyLaw,
@@ -157,14 +160,11 @@ impl SweepArgs {
             |law: &StudyLaw| law.config().map_or_else(|_| Vec::new(), |it| warnings(&it));
         let known = warnings(law);
         let is_new = |warning: &String| !known.contains(warning) && !told.contains(warning);
-        let of = |values| warnings(&law.with(&self.swept(values))).into_iter().find(is_new);
-        let mut warned = all.iter().filter_map(|values| Some((self.name_of(values), of(values)?)));
+        let of = |values| warnings(&law.with(&self.settings_of(values))).into_iter().find(is_new);
+        let tried = all.iter().step_by(all.len().div_ceil(MOST_TRIED));
+        let mut warned = tried.filter_map(|values| Some((self.name_of(values), of(values)?)));
         let (name, warning) = warned.next()?;
-        let others = match warned.count() {
-            0 => String::new(),
-            1 => " and another combination".to_owned(),
-            count => format!(" and {count} other combinations"),
-        };
+        let others = if warned.next().is_some() { " and others" } else { "" };
         Some(format!("{} at {name}{others}: {warning}", law.name))
     }
 
@@ -173,7 +173,7 @@ impl SweepArgs {
         let config = |own: &[Setting]| Config::from_settings(&[settings, own].concat()).ok();
         let note = |own: &[Setting]| config(own)?.rate_warning();
         let known = note(&[]);
-        let notes = all.iter().filter_map(|values| note(&self.swept(values)));
+        let notes = all.iter().filter_map(|values| note(&self.settings_of(values)));
         notes.filter(|told| known.as_ref() != Some(told)).collect()
     }
 
@@ -286,7 +286,7 @@ mod tests {
             sweep.law_note(&StudyLaw::new(law, settings.to_vec(), ""), &all, &BTreeSet::new())
         };
         let told = note("oqtal", &[]).unwrap();
-        assert!(told.starts_with("oqtal at vehicle.rate-lag-ms=400 and 2 other combinations: "));
+        assert!(told.starts_with("oqtal at vehicle.rate-lag-ms=400 and others: "));
         let always = [Setting::flag("test", "vehicle.rate-lag-ms", 400.0)];
         assert!(note("oqtal", &always).is_none_or(|told| !told.contains("=400")), "known before");
     }

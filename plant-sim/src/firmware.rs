@@ -29,7 +29,7 @@ use clock::BodyClock;
 
 /// Maximum number of sensor samples sent in one turn \[-\]: the firmware's queue holds five packets.
 const MOST_IMU: usize = 3;
-/// Time after its start above which a firmware will not calibrate its sensors any more; it needs 1.1 s.
+/// Time after the start of a firmware after which its calibration counts as failed; it needs 1.1 s.
 const CALIBRATED_WITHIN: Span = Span::from_millis(5000);
 
 /// Addresses of a firmware's body.

@@ -114,7 +114,8 @@ impl ServiceNotifier {
         if stopping && !std::mem::replace(&mut self.stopping, true) {
             notices.push(Notice::Stopping);
         }
-        let status = self.status(sample.status.clone());
+        let hangs = !self.background_polls(&sample);
+        let status = self.status(sample.status.clone(), hangs);
         self.last = sample;
         if self.ready && status != self.status {
             self.status.clone_from(&status);
@@ -125,25 +126,33 @@ impl ServiceNotifier {
 
     /// Whether loop, background threads and outputs have progressed since the last sample.
     fn is_healthy(&self, sample: &HealthSample) -> bool {
-        let HealthSample { turns, inputs, outputs, polls, .. } = &self.last;
+        let HealthSample { turns, inputs, outputs, .. } = &self.last;
         let loop_turns = sample.turns != *turns;
         // The end of the process would drop a vehicle in flight; the loop, a stop and a landing do not need the background thread.
         let flies = sample.motors == MotorActivity::MayRun;
-        let mut pairs = sample.polls.iter().zip(polls);
-        let background_polls = pairs.all(|(count, before)| *count == 0 || count != before);
         // Without a vehicle in view, or during playback of a recording, the cameras may be idle.
         let may_be_idle = match self.role {
             Role::Mocap | Role::Receiver => sample.inputs == *inputs,
             Role::Recorder => true,
             Role::Daemon | Role::Plant | Role::Bridge => false,
         };
-        loop_turns && (background_polls || flies) && (may_be_idle || sample.outputs != *outputs)
+        let polls = self.background_polls(sample) || flies;
+        loop_turns && polls && (may_be_idle || sample.outputs != *outputs)
+    }
+
+    /// Whether every background thread has polled since the last sample.
+    fn background_polls(&self, sample: &HealthSample) -> bool {
+        let mut pairs = sample.polls.iter().zip(&self.last.polls);
+        pairs.all(|(count, before)| *count == 0 || count != before)
     }
 
     /// Status text of the process, or whether it receives input from its peers.
-    fn status(&self, own: String) -> String {
+    fn status(&self, own: String, hangs: bool) -> String {
         if self.stopping {
             return "ending".to_owned();
+        }
+        if hangs {
+            return "the background thread hangs: requests of operators wait, but for a stop and a landing".to_owned();
         }
         if !own.is_empty() {
             return own;

@@ -116,6 +116,7 @@ impl FlightCourse {
         match &self.mission {
             Some(_) if self.stream.is_followed() => Followed::Planner,
             Some(_) if self.is_after_stream => Followed::Ended,
+            Some(_) if self.stream.is_ignored(now) => Followed::Ignored,
             Some(mission) if mission.has_arrived(now) => Followed::End,
             _ => Followed::Course,
         }

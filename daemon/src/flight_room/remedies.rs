@@ -7,7 +7,7 @@ use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryKind};
 use super::ways::{POSITION_ERROR_M, Way, corners, lowest, references, stop};
 use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_PLAN_M;
-use crate::flyable::{exceeding, least_factor, tried};
+use crate::flyable::{Points, exceeding, least_sufficient};
 
 /// Least distance of a remedy from the value at which the flight is refused \[m\], above the rounding of numbers.
 const OUTWARD_M: f64 = 1e-12;
@@ -122,14 +122,15 @@ fn slower(
         let is_inside = fence.inside_m(&(start + stop(reference, &braking, slower))) > 0.0;
         !is_inside
     };
-    let points = tried(references(config, trajectory));
-    let exceeds = |slower| points.iter().any(|(_, reference)| leaves(reference, slower));
+    let all = Vec::from_iter(references(config, trajectory));
+    let exceeds = |slower, points: Points| {
+        let mut looked_at = all.iter().step_by(points.step(all.len()));
+        looked_at.any(|(_, reference)| leaves(reference, slower))
+    };
     let demands = exceeding(config, trajectory);
-    let factor = least_factor(|slower| exceeds(slower) || demands(slower));
-    let factor = factor.or_else(|| least_factor(exceeds))?;
-    let mut all = references(config, trajectory);
-    let suffices = all.all(|(_, reference)| !leaves(&reference, factor));
-    suffices.then_some(())?;
+    let factor =
+        least_sufficient(|slower, points| exceeds(slower, points) || demands(slower, points));
+    let factor = factor.or_else(|| least_sufficient(exceeds))?;
     Some(crate::flyable::slower(config.trajectory.kind, factor))
 }
 

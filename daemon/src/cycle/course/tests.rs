@@ -86,6 +86,31 @@ fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
     assert_eq!(course.followed(later), Followed::Planner);
 }
 
+#[test]
+fn f35_a_planner_that_does_not_pause_is_not_followed_in_the_next_flight() {
+    let (mut course, now, position) = flying();
+    let mut receive = |course: &mut FlightCourse, after_ms: i64| {
+        let at = now + Span::from_millis(after_ms);
+        course.receive_reference(at, (7, &message(at, position, 0.0)), Some(0.0));
+        course.followed(at)
+    };
+    assert_eq!(receive(&mut course, 0), Followed::Planner);
+    course.end();
+    assert_eq!(receive(&mut course, 400), Followed::Course, "no flight");
+    let again = now + Span::from_millis(500);
+    let estimate = Estimate { position, ..Estimate::default() };
+    course.begin_flight(again, &estimate);
+    (1..=70).for_each(|k| {
+        assert_eq!(receive(&mut course, 500 + 100 * k), Followed::Ignored, "{k}");
+    });
+    assert_eq!(course.followed(now + Span::from_millis(8100)), Followed::Course);
+    let paused = now + Span::from_millis(8200);
+    course.update_setpoint(paused);
+    let near = course.setpoint().reference.unwrap().position;
+    course.receive_reference(paused, (7, &message(paused, near, 0.0)), Some(0.0));
+    assert_eq!(course.followed(paused), Followed::Planner);
+}
+
 /// While a reference is refused, the one before is followed, also at the effect of a command.
 #[test]
 fn f35_a_refused_reference_leaves_that_of_the_effect_of_a_command_on_its_way() {
