@@ -15,7 +15,7 @@ use oqtal_runtime::process::Failure;
 
 use crate::fence::Fence;
 use crate::floor::LEAST_PLAN_M;
-use crate::flyable::{Points, check_demand, least_settle_s};
+use crate::flyable::{SampledPoints, check_demand, least_settle_s};
 use crate::setpoint::{LARGEST_TURN_RAD, turns_round};
 use crate::waypoint_file::trajectory as trajectory_of;
 use ways::{TICK_POINTS, corners, lowest, point_s, references};
@@ -44,7 +44,7 @@ fn lacks_room(
     config: &Config,
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
-) -> impl Fn(f64, Points) -> bool {
+) -> impl Fn(f64, SampledPoints) -> bool {
     let sampled = OnceCell::new();
     move |slower, points| {
         let all: &Vec<_> = sampled.get_or_init(|| references(config, trajectory).collect());

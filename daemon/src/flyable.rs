@@ -36,14 +36,14 @@ const MOST_RAISES: usize = 8;
 
 /// The points of a path that are looked at.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Points {
+pub(crate) enum SampledPoints {
     /// At most [`MOST_TRIED`], evenly spread: for a search, which looks at them many times.
     Few,
     /// Every one.
     All,
 }
 
-impl Points {
+impl SampledPoints {
     /// Number of steps from one of `count` points to the next one that is looked at \[-\].
     pub(crate) fn step(self, count: usize) -> usize {
         match self {
@@ -121,7 +121,7 @@ impl<'a> PhaseDemand<'a> {
     }
 
     /// The greatest excess of the phase flown `slower` times as slowly \[-\], with its time \[s\]; `None` without one.
-    fn worst(&self, slower: f64, points: Points) -> Option<(f64, Demand)> {
+    fn worst(&self, slower: f64, points: SampledPoints) -> Option<(f64, Demand)> {
         let references = self.references.iter().step_by(points.step(self.references.len()));
         let demands = references.flat_map(|(t_s, reference)| {
             let demand = MotionDemand::of(reference, slower, &self.model);
@@ -133,8 +133,8 @@ impl<'a> PhaseDemand<'a> {
 
     /// Refuses the phase if it exceeds a limit. The factor of time in the error is the least one with which the flight also has room, or else
     /// the least one with which it exceeds no limit.
-    fn check(&self, lacks_room: impl Fn(f64, Points) -> bool) -> Result<(), OptionError> {
-        let Some((t_s, demand)) = self.worst(1.0, Points::All) else { return Ok(()) };
+    fn check(&self, lacks_room: impl Fn(f64, SampledPoints) -> bool) -> Result<(), OptionError> {
+        let Some((t_s, demand)) = self.worst(1.0, SampledPoints::All) else { return Ok(()) };
         let exceeds = |slower, points| self.worst(slower, points).is_some();
         let factor = least_sufficient(|slower, points| {
             exceeds(slower, points) || lacks_room(slower, points)
@@ -152,7 +152,7 @@ impl<'a> PhaseDemand<'a> {
 pub(crate) fn check_demand(
     config: &Config,
     trajectory: &Trajectory,
-    lacks_room: impl Fn(f64, Points) -> bool,
+    lacks_room: impl Fn(f64, SampledPoints) -> bool,
 ) -> Result<(), OptionError> {
     PhaseDemand::of(config, trajectory, Phase::TakeOff)?.check(|_, _| false)?;
     check_descent(config)?;
@@ -160,7 +160,10 @@ pub(crate) fn check_demand(
 }
 
 /// Whether the trajectory exceeds a limit of the vehicle or of the flight when it is flown this many times as slowly \[-\].
-pub(crate) fn exceeding(config: &Config, trajectory: &Trajectory) -> impl Fn(f64, Points) -> bool {
+pub(crate) fn exceeding(
+    config: &Config,
+    trajectory: &Trajectory,
+) -> impl Fn(f64, SampledPoints) -> bool {
     let demand = PhaseDemand::of(config, trajectory, Phase::Trajectory).ok();
     move |slower, points| {
         demand.as_ref().is_some_and(|demand| demand.worst(slower, points).is_some())
@@ -217,10 +220,10 @@ fn demands(config: &Config, (demand, phase): (&MotionDemand, Phase)) -> [Demand;
 }
 
 /// The least factor of time from which on nothing `exceeds` at few points, raised until nothing does at any point; `None` without one.
-pub(crate) fn least_sufficient(exceeds: impl Fn(f64, Points) -> bool) -> Option<f64> {
-    let least = least_factor(|slower| exceeds(slower, Points::Few))?;
+pub(crate) fn least_sufficient(exceeds: impl Fn(f64, SampledPoints) -> bool) -> Option<f64> {
+    let least = least_factor(|slower| exceeds(slower, SampledPoints::Few))?;
     let raised = std::iter::successors(Some(least), |factor| Some((factor * 101.0).ceil() / 100.0));
-    raised.take(1 + MOST_RAISES).find(|factor| !exceeds(*factor, Points::All))
+    raised.take(1 + MOST_RAISES).find(|factor| !exceeds(*factor, SampledPoints::All))
 }
 
 /// The least factor of time from which on nothing `exceeds`, at most 2 % too great; `None` if there is none. A slower flight may exceed a

@@ -7,7 +7,7 @@ use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryKind};
 use super::ways::{POSITION_ERROR_M, Way, corners, lowest, references, stop};
 use crate::fence::{Braking, Fence};
 use crate::floor::LEAST_PLAN_M;
-use crate::flyable::{Points, exceeding, least_sufficient};
+use crate::flyable::{SampledPoints, exceeding, least_sufficient};
 
 /// Least distance of a remedy from the value at which the flight is refused \[m\], above the rounding of numbers.
 const OUTWARD_M: f64 = 1e-12;
@@ -123,7 +123,7 @@ fn slower(
         !is_inside
     };
     let all = Vec::from_iter(references(config, trajectory));
-    let exceeds = |slower, points: Points| {
+    let exceeds = |slower, points: SampledPoints| {
         let mut looked_at = all.iter().step_by(points.step(all.len()));
         looked_at.any(|(_, reference)| leaves(reference, slower))
     };
