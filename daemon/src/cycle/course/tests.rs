@@ -89,7 +89,7 @@ fn f47_a_planner_continues_after_a_hold_and_until_then_the_plan_is_the_stop() {
 #[test]
 fn f35_a_planner_that_does_not_pause_is_not_followed_in_the_next_flight() {
     let (mut course, now, position) = flying();
-    let mut receive = |course: &mut FlightCourse, after_ms: i64| {
+    let receive = |course: &mut FlightCourse, after_ms: i64| {
         let at = now + Span::from_millis(after_ms);
         course.receive_reference(at, (7, &message(at, position, 0.0)), Some(0.0));
         course.followed(at)
