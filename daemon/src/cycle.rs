@@ -252,7 +252,8 @@ impl Cycle {
             directive,
             intake: &self.intake,
             last: &self.control.sent(),
-            reference_ahead: self.supervision.course().reference_at(acts_at, offset_rad),
+            course: self.supervision.course(),
+            offset_rad,
             of_fallback,
             is_free: self.supervision.is_free_flight(),
         };

@@ -24,6 +24,9 @@ pub trait ExternalLaw {
     /// Restarts integrals and filters: a flight begins.
     fn reset(&mut self);
 
+    /// Takes the flight at a tick before its question: a law in this process may use more of it than the question has.
+    fn look(&mut self, _view: &QuestionView) {}
+
     /// The command for `state`, in units of the vehicle: see [`ExternalV1`]. `None` without an answer in time; [`without_answer`] for
     /// another reason.
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1>;
@@ -50,6 +53,10 @@ pub fn reason_of(answer: &ExternalV1) -> Option<HandoverCause> {
 impl<L: ExternalLaw + ?Sized> ExternalLaw for &mut L {
     fn reset(&mut self) {
         (**self).reset();
+    }
+
+    fn look(&mut self, view: &QuestionView) {
+        (**self).look(view);
     }
 
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
@@ -82,6 +89,10 @@ impl ExternalLaw for LawPort<'_> {
         self.0.iter_mut().for_each(|law| law.reset());
     }
 
+    fn look(&mut self, view: &QuestionView) {
+        self.0.iter_mut().for_each(|law| law.look(view));
+    }
+
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
         self.0.as_mut()?.answer(state)
     }
@@ -98,7 +109,7 @@ impl fmt::Debug for LawPort<'_> {
 }
 
 /// The flight at a tick in which an external law is asked.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct QuestionView<'a> {
     /// The present instant.
     pub now: Time,
@@ -108,6 +119,8 @@ pub struct QuestionView<'a> {
     pub tracker: &'a MotionTracker,
     /// The reference for the command's effect.
     pub reference: &'a Reference,
+    /// The reference at an instant; `None` while it is not that of the plan or of a planner.
+    pub course: &'a dyn Fn(Time) -> Option<Reference>,
     /// The output of the fallback law.
     pub fallback: &'a ControlOutput,
 }
@@ -189,6 +202,7 @@ impl ExternalControl {
             self.question.flight += 1;
         }
         self.fill_in(view);
+        law.look(view);
         let answered = law.answer(&self.question);
         let StateV1 { sequence, time, .. } = self.question;
         let mut answer = answered.unwrap_or_default();
@@ -208,7 +222,7 @@ impl ExternalControl {
     }
 
     fn fill_in(&mut self, view: &QuestionView) {
-        let QuestionView { now, ahead, tracker, reference, fallback } = *view;
+        let QuestionView { now, ahead, tracker, reference, fallback, .. } = *view;
         let (bias, unknown) = (tracker.bias(), [f64::NAN; 3]);
         let prescribed = reference.attitude;
         let question = &mut self.question;

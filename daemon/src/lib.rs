@@ -123,7 +123,7 @@ pub use command_model::CommandModel;
 pub use condition::{Condition, Followed};
 pub use cycle::{Cycle, FirstFlight, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
-pub use external::{ExternalLaw, LawPort, reason_of, without_answer};
+pub use external::{ExternalLaw, LawPort, QuestionView, reason_of, without_answer};
 pub use fence::Fence;
 use flight_marker::TakeOffMarker;
 pub use flight_room::{known_start, require_flyable};

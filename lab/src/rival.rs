@@ -1,0 +1,133 @@
+//! A law of `oqtal-rivals` as the external law of a flight in one process.
+
+use nalgebra::Vector3;
+use oqtal_bus::message::{ExternalV1, StateV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_control::predictive::{Bias, ModelInput};
+use oqtal_daemon::{ExternalLaw, QuestionView};
+use oqtal_rivals::dfbc::{Dfbc, DfbcOptions};
+use oqtal_rivals::l1::{L1Geometric, L1Options};
+use oqtal_rivals::law::{RateVehicle, Rival, RivalTick};
+use oqtal_rivals::nmpc::{Nmpc, NmpcOptions};
+
+/// Knowledge of a law of the motion that it commands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Knowledge {
+    /// The motion estimated for now, as in the sources.
+    Now,
+    /// The motion predicted for the effect of the command.
+    Effect,
+    /// The same, with the disturbances that the prediction estimates.
+    Disturbances,
+}
+
+impl Knowledge {
+    /// All of them, least first.
+    pub const ALL: [Self; 3] = [Self::Now, Self::Effect, Self::Disturbances];
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Now => "as published",
+            Self::Effect => "with prediction",
+            Self::Disturbances => "with prediction and disturbances",
+        }
+    }
+}
+
+/// Names of the laws.
+pub const RIVALS: [&str; 3] = ["nmpc", "dfbc-indi", "l1-geometric"];
+
+/// The law with this name and its gains; `None` if there is none.
+pub fn named(name: &str) -> Option<Box<dyn Rival>> {
+    Some(match name {
+        "nmpc" => Box::new(Nmpc::new(NmpcOptions::default())),
+        "dfbc-indi" => Box::new(Dfbc::new(DfbcOptions::default())),
+        "l1-geometric" => Box::new(L1Geometric::new(L1Options::default())),
+        _ => return None,
+    })
+}
+
+/// A law in a flight.
+pub struct RivalLaw {
+    law: Box<dyn Rival>,
+    knowledge: Knowledge,
+    greatest_rate: Vector3<f64>,
+    greatest_thrust_n: f64,
+    period_s: f64,
+    /// The command of this tick; `None` for a vehicle that is not commanded by rates.
+    command: Option<ModelInput>,
+}
+
+impl RivalLaw {
+    /// `law` with this knowledge in a flight of `config`.
+    pub fn new(law: Box<dyn Rival>, knowledge: Knowledge, config: &Config) -> Self {
+        Self {
+            law,
+            knowledge,
+            greatest_rate: config.vehicle.rate_authority_rad_s.into(),
+            greatest_thrust_n: config.vehicle.max_thrust_n,
+            period_s: 1.0 / config.control.rate_hz,
+            command: None,
+        }
+    }
+
+    fn commanded(&mut self, view: &QuestionView) -> Option<ModelInput> {
+        let QuestionView { now, ahead, tracker, .. } = *view;
+        let now_s = seconds(now);
+        // Adapted gains turn a command into the rate that the model follows.
+        let gain = tracker.effect().gain;
+        let greatest_rate = self.greatest_rate.component_mul(&gain);
+        let vehicle = RateVehicle::new(tracker.model(), greatest_rate, self.greatest_thrust_n)?;
+        let measured = tracker.motion_at(now_s)?;
+        let (motion, delay_s) = match self.knowledge {
+            Knowledge::Now => (&measured, 0.0),
+            Knowledge::Effect | Knowledge::Disturbances => (ahead, tracker.effect_delay_s()),
+        };
+        let bias = match self.knowledge {
+            Knowledge::Disturbances => tracker.bias(),
+            Knowledge::Now | Knowledge::Effect => Bias::default(),
+        };
+        let reference = |ahead_s: f64| {
+            let at = now + Span::from_seconds(delay_s + ahead_s);
+            (view.course)(at).unwrap_or(*view.reference)
+        };
+        let command = self.law.command(&RivalTick {
+            vehicle: &vehicle,
+            motion,
+            bias,
+            measured: &measured,
+            acting: tracker.acting(now_s).0,
+            dt_s: self.period_s,
+            reference: &reference,
+        });
+        let demand = command.demand.component_div(&gain);
+        Some(ModelInput { demand, ..command })
+    }
+}
+
+impl ExternalLaw for RivalLaw {
+    fn reset(&mut self) {
+        self.law.reset();
+    }
+
+    fn look(&mut self, view: &QuestionView) {
+        self.command = self.commanded(view);
+    }
+
+    fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
+        let command = self.command?;
+        Some(ExternalV1 {
+            sequence: state.sequence,
+            rate: command.demand.into(),
+            thrust: command.thrust_n,
+            ..ExternalV1::default()
+        })
+    }
+}
+
+/// `time` in the time base of the tracker \[s\].
+fn seconds(time: Time) -> f64 {
+    time.since(Time::UNSET).seconds()
+}
