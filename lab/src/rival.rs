@@ -36,18 +36,67 @@ impl Knowledge {
     }
 }
 
-/// Names of the laws.
-pub const RIVALS: [&str; 3] = ["nmpc", "dfbc-indi", "l1-geometric"];
-
-/// The law with this name and its gains; `None` if there is none.
-pub fn named(name: &str) -> Option<Box<dyn Rival>> {
-    Some(match name {
-        "nmpc" => Box::new(Nmpc::new(NmpcOptions::default())),
-        "dfbc-indi" => Box::new(Dfbc::new(DfbcOptions::default())),
-        "l1-geometric" => Box::new(L1Geometric::new(L1Options::default())),
-        _ => return None,
-    })
+/// A law of the literature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RivalName {
+    /// [`Nmpc`].
+    Nmpc,
+    /// [`Dfbc`].
+    Dfbc,
+    /// [`L1Geometric`].
+    L1Geometric,
 }
+
+impl RivalName {
+    /// All laws.
+    pub const ALL: [Self; 3] = [Self::Nmpc, Self::Dfbc, Self::L1Geometric];
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nmpc => "nmpc",
+            Self::Dfbc => "dfbc-indi",
+            Self::L1Geometric => "l1-geometric",
+        }
+    }
+
+    /// Ranges of the gains in a search \[units of the options\].
+    pub fn ranges(self) -> &'static [[f64; 2]] {
+        match self {
+            Self::Nmpc => &NmpcOptions::RANGES,
+            Self::Dfbc => &DfbcOptions::RANGES,
+            Self::L1Geometric => &L1Options::RANGES,
+        }
+    }
+
+    /// Gains found by the search of docs/rivals.md, for a law with this knowledge \[units of the options\].
+    pub fn gains(self, knowledge: Knowledge) -> &'static [f64] {
+        match self {
+            Self::Nmpc => &NMPC[knowledge as usize],
+            Self::Dfbc => &DFBC[knowledge as usize],
+            Self::L1Geometric => &L1[knowledge as usize],
+        }
+    }
+
+    /// The law with these gains, as many as it has ranges \[units of the options\].
+    pub fn with_gains(self, gains: &[f64]) -> Box<dyn Rival> {
+        let ninth = gains.get(8).copied().unwrap_or_default();
+        let eight: [f64; 8] = std::array::from_fn(|index| gains[index]);
+        let [a, b, c, d, e, f, g, h] = eight;
+        match self {
+            Self::Nmpc => Box::new(Nmpc::new(NmpcOptions::of(&eight))),
+            Self::Dfbc => Box::new(Dfbc::new(DfbcOptions::of(&[a, b, c, d, e, f, g, h, ninth]))),
+            Self::L1Geometric => Box::new(L1Geometric::new(L1Options::of(&eight))),
+        }
+    }
+}
+
+/// Gains of [`NmpcOptions::of`], by knowledge.
+const NMPC: [[f64; 8]; 3] = [[500.0, 1.0, 5.0, 200.0, 1.0, 6.0, 6.0, 3.0]; 3];
+/// Gains of [`DfbcOptions::of`], by knowledge.
+const DFBC: [[f64; 9]; 3] = [[6.0, 6.0, 4.0, 4.0, 120.0, 20.0, 18.0, 8.0, 3.0]; 3];
+/// Gains of [`L1Options::of`], by knowledge.
+const L1: [[f64; 8]; 3] = [[6.0, 6.0, 4.0, 4.0, 8.0, 4.0, 2.0, 4.0]; 3];
 
 /// A law in a flight.
 pub struct RivalLaw {

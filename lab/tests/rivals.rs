@@ -11,9 +11,10 @@ use oqtal_config::Config;
 use oqtal_control::statistics::{median, quantile};
 use oqtal_daemon::{ExternalLaw, QuestionView};
 use oqtal_lab::mission::Mission;
-use oqtal_lab::rival::{Knowledge, RIVALS, RivalLaw, named};
+use oqtal_lab::rival::{Knowledge, RivalLaw, RivalName};
 use oqtal_lab::simulation::fly_with_law;
 use oqtal_lab::study::metric::of_hover;
+use oqtal_lab::tune::optimiser::Optimiser;
 use oqtal_observe::flight::{Flight, Outcome};
 
 use crate::{config, flown};
@@ -22,7 +23,7 @@ use crate::{config, flown};
 const FIRST_SEED: u64 = 71_000;
 
 /// Settings of every flight: a room in which the fast circle can be braked.
-const ROOM: [&str; 2] = ["fence.x-m=[-9,9]", "fence.y-m=[-9,9]"];
+const ROOM: [&str; 2] = ["fence.x-m=[-15,15]", "fence.y-m=[-15,15]"];
 
 /// Settings of flights of laws with the limits of `position`, and of laws under a fallback that has them.
 const RAISED: [&str; 5] = [
@@ -34,11 +35,15 @@ const RAISED: [&str; 5] = [
 ];
 
 /// Delays from a command to its effect, in addition to those of cameras and loop.
-const DELAYS: [(&str, &[&str]); 4] = [
+const DELAYS: [(&str, &[&str]); 5] = [
     ("0 ms", &["vehicle.command-delay-ms=0"]),
     ("50 ms, told", &["vehicle.command-delay-ms=50"]),
     ("25 ms, not told", &["vehicle.command-delay-ms=0", "plant.hidden-delay-ms=25"]),
     ("50 ms, not told", &["vehicle.command-delay-ms=0", "plant.hidden-delay-ms=50"]),
+    (
+        "20 ms, told; plants that differ by up to 20 %",
+        &["plant.spread=0.2", "position.velocity-integral-limit-m-s2=4"],
+    ),
 ];
 
 /// Settings of the trajectories: a hover, a circle, and lemniscates of this half length \[m\] and greatest speed \[m/s\].
@@ -85,24 +90,31 @@ impl ExternalLaw for Timed {
     }
 }
 
-/// A flight of a law, and the times that its commands took.
-fn flight_of(law: &str, knowledge: Option<Knowledge>, settings: &[String]) -> (Flight, Vec<Span>) {
-    let with = |further: &[&str]| {
-        let further = further.iter().map(|text| (*text).to_owned());
-        config(&[settings.to_vec(), further.collect()].concat())
-    };
-    let Some(knowledge) = knowledge else {
-        let raised: &[&str] = if law == "oqtal-dt" { &[] } else { &RAISED };
-        let controller = format!("control.controller={law}");
-        return (flown(with(&[raised, &[&controller]].concat())), Vec::new());
-    };
+/// A flight of a law of the daemon.
+fn built_in(law: &str, settings: &[String]) -> Flight {
+    let raised: &[&str] = if law == "oqtal-dt" { &[] } else { &RAISED };
+    let controller = format!("control.controller={law}");
+    flown(with(settings, &[raised, &[&controller]].concat()))
+}
+
+/// The configuration with `settings` and `further` ones.
+fn with(settings: &[String], further: &[&str]) -> Config {
+    let further = further.iter().map(|text| (*text).to_owned());
+    config(&[settings.to_vec(), further.collect()].concat())
+}
+
+/// A flight of a law of the literature with these gains, and the times that its commands took.
+fn flight_of(
+    (law, knowledge, gains): (RivalName, Knowledge, &[f64]),
+    settings: &[String],
+) -> (Flight, Vec<Span>) {
     let adapts = match knowledge {
         Knowledge::Disturbances => "control.predictive.adaptation.adapt=true",
         Knowledge::Now | Knowledge::Effect => "control.predictive.adaptation.adapt=false",
     };
-    let config: Config = with(&[&RAISED[..], &["control.controller=external", adapts]].concat());
-    let mission = Mission::new(config).unwrap();
-    let law = RivalLaw::new(named(law).unwrap(), knowledge, &mission.config);
+    let further = [&RAISED[..], &["control.controller=external", adapts]].concat();
+    let mission = Mission::new(with(settings, &further)).unwrap();
+    let law = RivalLaw::new(law.with_gains(gains), knowledge, &mission.config);
     let mut timed = Timed { law, taken: Vec::new() };
     (fly_with_law(&mission, &mut timed).unwrap(), timed.taken)
 }
@@ -114,10 +126,34 @@ fn error_mm(flight: &Flight) -> Option<f64> {
     (is_planned && handovers == Some(0)).then(|| of_hover(flight)[0])
 }
 
-/// The laws of a table: name, and knowledge of a rival.
-fn laws() -> Vec<(&'static str, Option<Knowledge>)> {
-    let rivals = RIVALS.iter().flat_map(|law| Knowledge::ALL.map(|it| (*law, Some(it))));
-    [("oqtal-dt", None), ("geometric", None)].into_iter().chain(rivals).collect()
+/// A law of a table.
+#[derive(Clone, Copy)]
+enum Entry {
+    BuiltIn(&'static str),
+    Rival(RivalName, Knowledge),
+}
+
+impl Entry {
+    /// The laws of a table.
+    fn all() -> Vec<Self> {
+        let of = |law| Knowledge::ALL.map(|knowledge| Self::Rival(law, knowledge));
+        let built_in = ["oqtal-dt", "geometric"].map(Self::BuiltIn);
+        built_in.into_iter().chain(RivalName::ALL.into_iter().flat_map(of)).collect()
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::BuiltIn(law) => format!("`{law}`"),
+            Self::Rival(law, knowledge) => format!("`{}`, {}", law.name(), knowledge.name()),
+        }
+    }
+
+    fn fly(self, settings: &[String]) -> (Flight, Vec<Span>) {
+        match self {
+            Self::BuiltIn(law) => (built_in(law, settings), Vec::new()),
+            Self::Rival(law, it) => flight_of((law, it, law.gains(it)), settings),
+        }
+    }
 }
 
 /// Cell of a table: median of the errors, with the number of flights that were lost.
@@ -131,12 +167,7 @@ fn cell(errors: &[Option<f64>]) -> String {
 }
 
 /// Flies every trajectory of one delay, and returns the cells of a row.
-fn row(
-    (law, knowledge): (&str, Option<Knowledge>),
-    delay: &[&str],
-    seeds: u64,
-    taken: &mut Vec<Span>,
-) -> Vec<String> {
+fn row(law: Entry, delay: &[&str], seeds: u64, taken: &mut Vec<Span>) -> Vec<String> {
     let mut cells = Vec::new();
     for (_, trajectory) in trajectories() {
         let errors = (0..seeds).map(|seed| {
@@ -144,7 +175,7 @@ fn row(
             let fixed = ROOM.iter().chain(delay).copied().chain([seed.as_str()]);
             let settings: Vec<String> =
                 fixed.map(str::to_owned).chain(trajectory.iter().cloned()).collect();
-            let (flight, times) = flight_of(law, knowledge, &settings);
+            let (flight, times) = law.fly(&settings);
             taken.extend(times);
             error_mm(&flight)
         });
@@ -158,16 +189,18 @@ fn rivals_of_the_literature_beside_the_laws_of_the_daemon() {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     let Some(seeds): Option<u64> = number("OQTAL_TEST_RIVALS_SEEDS") else { return };
     let asked = std::env::var("OQTAL_TEST_RIVALS_LAWS").ok();
-    let is_asked = |law: &str| asked.as_ref().is_none_or(|all| all.split(',').any(|it| it == law));
+    let is_asked = |law: &Entry| {
+        let name = law.name();
+        asked.as_ref().is_none_or(|all| all.split(',').any(|it| name.contains(it)))
+    };
     let names: Vec<String> = trajectories().into_iter().map(|(name, _)| name).collect();
     for (delay, settings) in DELAYS {
         println!("\n{delay}\n\n| law | {} |", names.join(" | "));
         println!("|---{}|", "|---".repeat(names.len()));
-        for (law, knowledge) in laws().into_iter().filter(|(law, _)| is_asked(law)) {
+        for law in Entry::all().into_iter().filter(is_asked) {
             let mut taken = Vec::new();
-            let cells = row((law, knowledge), settings, seeds, &mut taken);
-            let what = knowledge.map_or(String::new(), |it| format!(", {}", it.name()));
-            println!("| `{law}`{what} | {} |", cells.join(" | "));
+            let cells = row(law, settings, seeds, &mut taken);
+            println!("| {} | {} |", law.name(), cells.join(" | "));
             let taken_us = || taken.iter().map(|span| 1e6 * span.seconds());
             let [p50, p99, worst] = [0.5, 0.99, 1.0].map(|share| quantile(taken_us(), share));
             if let (Some(p50), Some(p99), Some(worst)) = (p50, p99, worst) {
@@ -179,11 +212,55 @@ fn rivals_of_the_literature_beside_the_laws_of_the_daemon() {
 
 #[test]
 fn each_law_of_the_literature_hovers_without_its_fallback() {
-    for law in RIVALS {
-        let settings =
-            ["trajectory.kind=hover", "trajectory.hover.duration-s=8", "clock.seed=7"].map(str::to_owned);
-        let (flight, _) = flight_of(law, Some(Knowledge::Disturbances), &settings);
+    for law in RivalName::ALL {
+        let settings = ["trajectory.kind=hover", "trajectory.hover.duration-s=8", "clock.seed=7"]
+            .map(str::to_owned);
+        let (flight, _) = Entry::Rival(law, Knowledge::Disturbances).fly(&settings);
         let error_mm = error_mm(&flight);
-        assert!(error_mm.is_some_and(|error| error < 8.0), "{law}: {error_mm:?}");
+        assert!(error_mm.is_some_and(|error| error < 8.0), "{law:?}: {error_mm:?}");
+    }
+}
+
+/// Trajectories and delays of a search, with seeds of their own: indices of [`trajectories`] and of [`DELAYS`].
+const TRAINING: [[usize; 2]; 8] = [[0, 0], [1, 0], [4, 0], [0, 1], [4, 1], [0, 3], [3, 3], [4, 4]];
+
+/// Error counted for a flight that is lost \[mm\].
+const LOST_MM: f64 = 1000.0;
+
+/// `OQTAL_TEST_RIVALS_TUNE=100` searches the gains of docs/rivals.md with that many sets each, by the optimiser of `oqtal tune`. The objective is
+/// the mean logarithm of the error.
+#[test]
+fn gains_of_the_rivals_are_found_by_the_optimiser_of_the_other_laws() {
+    let budget = std::env::var("OQTAL_TEST_RIVALS_TUNE").ok().and_then(|text| text.parse().ok());
+    let Some(budget): Option<usize> = budget else { return };
+    let asked = std::env::var("OQTAL_TEST_RIVALS_LAWS").ok();
+    for (law, knowledge) in
+        RivalName::ALL.into_iter().flat_map(|law| Knowledge::ALL.map(|knowledge| (law, knowledge)))
+    {
+        let name = Entry::Rival(law, knowledge).name();
+        if !asked.as_ref().is_none_or(|all| all.split(',').any(|it| name.contains(it))) {
+            continue;
+        }
+        let ln = |values: &[f64]| values.iter().map(|value| value.ln()).collect::<Vec<_>>();
+        let bounds: Vec<_> = law.ranges().iter().map(|[low, high]| low.ln()..=high.ln()).collect();
+        let objective = |point: &Vec<f64>| {
+            let gains: Vec<f64> = point.iter().map(|value| value.exp()).collect();
+            let errors = TRAINING.iter().enumerate().map(|(index, [trajectory, delay])| {
+                let seed = format!("clock.seed={}", 301 + index);
+                let fixed = ROOM.iter().chain(DELAYS[*delay].1).copied().chain([seed.as_str()]);
+                let own = trajectories()[*trajectory].1.clone();
+                let settings: Vec<String> = fixed.map(str::to_owned).chain(own).collect();
+                let (flight, _) = flight_of((law, knowledge, &gains), &settings);
+                error_mm(&flight).unwrap_or(LOST_MM).min(LOST_MM).ln()
+            });
+            errors.sum::<f64>() / TRAINING.len() as f64
+        };
+        let starts = [ln(law.gains(knowledge))];
+        let found = Optimiser::CmaEs.minimise(&bounds, &starts, (budget, 1), |points| {
+            points.iter().map(objective).collect()
+        });
+        let gains: Vec<String> =
+            found.point.iter().map(|value| format!("{:.3}", value.exp())).collect();
+        println!("{name}: {:.2} mm, [{}]", found.value.exp(), gains.join(", "));
     }
 }

@@ -50,6 +50,28 @@ impl Default for DfbcOptions {
     }
 }
 
+impl DfbcOptions {
+    /// Ranges of the gains of [`Self::of`] in a search.
+    pub const RANGES: [[f64; 2]; 9] = [
+        [1.0, 60.0],
+        [1.0, 60.0],
+        [1.0, 20.0],
+        [1.0, 20.0],
+        [10.0, 600.0],
+        [4.0, 200.0],
+        [4.0, 60.0],
+        [2.0, 40.0],
+        [0.1, 12.0],
+    ];
+
+    /// Options with these gains \[units of the fields\], in the order of the fields.
+    pub fn of(gains: &[f64; 9]) -> Self {
+        let [p_h, p_v, v_h, v_v, tilt, yaw, rate_tilt, rate_yaw, indi_cutoff_hz] = *gains;
+        let (position, velocity, rate) = ([p_h, p_v], [v_h, v_v], [rate_tilt, rate_yaw]);
+        Self { position, velocity, tilt, yaw, rate, indi_cutoff_hz }
+    }
+}
+
 /// The law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dfbc {

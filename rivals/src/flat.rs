@@ -17,7 +17,8 @@ pub struct FlatPoint {
 impl FlatPoint {
     /// The point of `vehicle` on `reference` under the disturbances `bias`.
     pub fn of(reference: &Reference, vehicle: &RateVehicle, bias: &Bias) -> Self {
-        let mut force = Force::along(&Course::of(reference), vehicle.gravity_m_s2, vehicle.drag_per_s);
+        let mut force =
+            Force::along(&Course::of(reference), vehicle.gravity_m_s2, vehicle.drag_per_s);
         force.value -= bias.acceleration;
         // Sun et al., Eqs. (14) to (17), with drag
         let attitude = force.attitude(reference.yaw_after(0.0));

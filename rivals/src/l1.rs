@@ -49,6 +49,32 @@ impl Default for L1Options {
     }
 }
 
+impl L1Options {
+    /// Ranges of the gains of [`Self::of`] in a search.
+    pub const RANGES: [[f64; 2]; 8] = [
+        [1.0, 60.0],
+        [1.0, 60.0],
+        [1.0, 20.0],
+        [1.0, 20.0],
+        [1.0, 40.0],
+        [0.5, 20.0],
+        [0.1, 20.0],
+        [0.1, 40.0],
+    ];
+
+    /// Options with these gains \[units of the fields\], in the order of the fields without that of the predictor.
+    pub fn of(gains: &[f64; 8]) -> Self {
+        let [p_h, p_v, v_h, v_v, tilt, heading, force, rate] = *gains;
+        Self {
+            position: [p_h, p_v],
+            velocity: [v_h, v_v],
+            attitude: [tilt, heading],
+            bandwidth_rad_s: [force, rate],
+            ..Self::default()
+        }
+    }
+}
+
 /// Velocity \[m/s, world\] and body rate \[rad/s, body\], or their derivatives.
 type Pair = [Vector3<f64>; 2];
 

@@ -28,7 +28,11 @@ pub struct RateVehicle {
 
 impl RateVehicle {
     /// The vehicle of `model` with these greatest commands \[rad/s, body; N\]; `None` if it is not commanded by rates.
-    pub fn new(model: &VehicleModel, greatest_rate: Vector3<f64>, greatest_thrust_n: f64) -> Option<Self> {
+    pub fn new(
+        model: &VehicleModel,
+        greatest_rate: Vector3<f64>,
+        greatest_thrust_n: f64,
+    ) -> Option<Self> {
         let Rotation::RateLoop { lag_s } = model.rotation else { return None };
         Some(Self {
             rate_lag_s: lag_s.max(SHORTEST_LAG_S),
@@ -44,7 +48,9 @@ impl RateVehicle {
     /// The command nearest to `command` that the vehicle can follow.
     pub fn limited(&self, command: &ModelInput) -> ModelInput {
         ModelInput {
-            demand: command.demand.zip_map(&self.greatest_rate, |rate, most| rate.clamp(-most, most)),
+            demand: command
+                .demand
+                .zip_map(&self.greatest_rate, |rate, most| rate.clamp(-most, most)),
             thrust_n: command.thrust_n.clamp(0.0, self.greatest_thrust_n),
             ..*command
         }

@@ -61,6 +61,40 @@ impl Default for NmpcOptions {
     }
 }
 
+impl NmpcOptions {
+    /// Ranges of the gains of [`Self::of`] in a search.
+    pub const RANGES: [[f64; 2]; 8] = [
+        [20.0, 2000.0],
+        [0.1, 100.0],
+        [0.5, 200.0],
+        [5.0, 500.0],
+        [0.01, 10.0],
+        [0.1, 100.0],
+        [0.1, 100.0],
+        [0.1, 12.0],
+    ];
+
+    /// Options with these gains: weights of vertical position, velocity, tilt, heading, rate, rate command and thrust command, relative
+    /// to 200 of the horizontal position \[units of the fields\], and the cut-off frequency \[Hz\].
+    pub fn of(gains: &[f64; 8]) -> Self {
+        let [vertical, velocity, tilt, heading, rate, rate_input, thrust_input, indi_cutoff_hz] =
+            *gains;
+        let position = [Self::default().position[0], vertical];
+        let attitude = [tilt, heading];
+        let step_s = Self::default().step_s;
+        Self {
+            position,
+            velocity,
+            attitude,
+            rate,
+            rate_input,
+            thrust_input,
+            step_s,
+            indi_cutoff_hz,
+        }
+    }
+}
+
 /// The law.
 #[derive(Clone)]
 pub struct Nmpc {
@@ -153,7 +187,8 @@ impl NmpcOptions {
         (motion, wanted): (&Motion, &Motion),
         share: f64,
     ) {
-        let axes = |[horizontal, vertical]: [f64; 2]| Vector3::new(horizontal, horizontal, vertical);
+        let axes =
+            |[horizontal, vertical]: [f64; 2]| Vector3::new(horizontal, horizontal, vertical);
         let turn = wanted.attitude.rotation_to(&motion.attitude);
         // Derivative of the error by a turn of the body, to the first order.
         let by_turn = nalgebra::Matrix3::identity() + turn.cross_matrix() / 2.0;

@@ -22,9 +22,9 @@ const LAST_COMPLEMENTARITY: f64 = 1e-14;
 /// Fraction of the distance to the nearest limit that an iteration advances \[-\].
 const BOUNDARY_SHARE: f64 = 0.995;
 /// Least distance of a first move from its limits, over their distance \[-\].
-const FIRST_MARGIN: f64 = 0.05;
-/// First complementarity, over the cost of a move across its whole range \[-\].
-const FIRST_SHARE: f64 = 0.01;
+const FIRST_MARGIN: f64 = 0.25;
+/// First complementarity, over the cost of a move across its whole range, or of a move without limits \[-\].
+const FIRST_SHARE: f64 = 0.1;
 
 /// A step of a program with `S` states and `M` inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -157,8 +157,11 @@ impl<const S: usize, const M: usize, const N: usize> BoxProgram<S, M, N> {
     /// Begins inside the limits with multipliers of equal complementarity, of the order of the cost of a move.
     fn start(&mut self, curvature: f64) {
         let mut x = SVector::<f64, S>::zeros();
-        let range = self.stages.iter().map(|stage| (stage.high - stage.low).amax()).fold(0.0, f64::max);
-        let complementarity = FIRST_SHARE * curvature * range * range;
+        let range =
+            self.stages.iter().map(|stage| (stage.high - stage.low).amax()).fold(0.0, f64::max);
+        // Multipliers are of the order of the cost of the moves that the limits forbid.
+        let free = self.work.iter().map(|work| work.u_change.amax()).fold(range, f64::max);
+        let complementarity = FIRST_SHARE * curvature * range * free;
         for (stage, work) in self.stages.iter().zip(self.work.iter_mut()) {
             let inset = (stage.high - stage.low) * FIRST_MARGIN;
             work.u = work.u_change.zip_zip_map(
@@ -197,7 +200,8 @@ impl<const S: usize, const M: usize, const N: usize> BoxProgram<S, M, N> {
             work.gain = work.curvature.solve(&(by_value * stage.a));
             // The symmetric form: it loses no digits where a barrier is strong.
             let closed = stage.a - stage.b * work.gain;
-            let weighted = SMatrix::<f64, M, S>::from_fn(|row, column| r[row] * work.gain[(row, column)]);
+            let weighted =
+                SMatrix::<f64, M, S>::from_fn(|row, column| r[row] * work.gain[(row, column)]);
             value = closed.tr_mul(&(value * closed)) + work.gain.tr_mul(&weighted);
         }
         greatest.is_finite().then_some(greatest)
@@ -210,7 +214,8 @@ impl<const S: usize, const M: usize, const N: usize> BoxProgram<S, M, N> {
         for (stage, work) in self.stages.iter().zip(self.work.iter_mut()).rev() {
             let wanted = work.wanted(target, second_order);
             y += stage.q * work.x + stage.q_gradient;
-            let u = stage.r.component_mul(&work.u) + stage.r_gradient + wanted.column(0) - wanted.column(1)
+            let u = stage.r.component_mul(&work.u) + stage.r_gradient + wanted.column(0)
+                - wanted.column(1)
                 + stage.b.tr_mul(&y);
             work.u_change = -work.curvature.solve(&u);
             y = stage.a.tr_mul(&y) - work.gain.tr_mul(&u);
@@ -222,7 +227,8 @@ impl<const S: usize, const M: usize, const N: usize> BoxProgram<S, M, N> {
             work.x_change = x;
             let wanted = work.wanted(target, second_order);
             work.margin_change = PerBound::from_columns(&[-work.u_change, work.u_change]);
-            work.dual_change = wanted - work.dual - work.barrier().component_mul(&work.margin_change);
+            work.dual_change =
+                wanted - work.dual - work.barrier().component_mul(&work.margin_change);
         }
     }
 

@@ -1,5 +1,8 @@
 //! Flights of the laws with the model of the prediction as the vehicle: no noise, no delay.
 
+#[path = "../../control/tests/allocation/counter.rs"]
+mod counter;
+
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
@@ -11,6 +14,8 @@ use oqtal_rivals::flat::FlatPoint;
 use oqtal_rivals::l1::{L1Geometric, L1Options};
 use oqtal_rivals::law::{RateVehicle, Rival, RivalTick};
 use oqtal_rivals::nmpc::{Nmpc, NmpcOptions};
+
+use counter::allocations;
 
 const PERIOD_S: f64 = 1.0 / 60.0;
 
@@ -124,9 +129,8 @@ fn an_error_of_the_rate_command_that_is_not_told_is_cancelled() {
 fn l1_adaptation_cancels_a_force_and_geometric_control_without_it_does_not() {
     let force = Bias { acceleration: Vector3::new(0.4, -0.3, 0.2), ..Bias::default() };
     let without = L1Options { bandwidth_rad_s: [0.0; 2], ..L1Options::default() };
-    let [adapted_m, fixed_m] = [L1Options::default(), without].map(|options| {
-        flown(&mut L1Geometric::new(options), (on(rest), force), rest, 10.0)
-    });
+    let [adapted_m, fixed_m] = [L1Options::default(), without]
+        .map(|options| flown(&mut L1Geometric::new(options), (on(rest), force), rest, 10.0));
     assert!(adapted_m < 2e-3 && fixed_m > 0.05, "{adapted_m} {fixed_m}");
 }
 
@@ -153,4 +157,35 @@ fn a_law_that_is_told_of_a_force_and_of_an_error_of_the_command_cancels_them() {
         assert!((moved.position - motion.position).norm() < 1e-4, "{moved:?}");
         assert!(moved.rate.norm() < 1e-3, "{moved:?}");
     }
+}
+
+#[test]
+fn no_step_allocates() {
+    let away = Motion { position: Vector3::new(2.0, -1.0, 0.0), ..on(rest) };
+    for (name, mut law) in laws() {
+        let (count, error_m) = allocations(|| flown(&mut *law, (away, Bias::default()), rest, 8.0));
+        assert_eq!(count, 0, "{name}: {error_m} m");
+    }
+}
+
+/// From far away the rates are at their limits, so that quadratic programs with active limits are solved.
+#[test]
+fn the_iterations_of_a_program_stay_far_below_their_bound() {
+    let mut law = Nmpc::new(NmpcOptions::default());
+    let (vehicle, mut most) = (vehicle(), 0);
+    let mut motion = Motion { position: Vector3::new(4.0, -3.0, 0.0), ..on(rest) };
+    for _ in 0..120 {
+        let command = law.command(&RivalTick {
+            vehicle: &vehicle,
+            motion: &motion,
+            bias: Bias::default(),
+            measured: &motion,
+            acting: ModelInput::default(),
+            dt_s: PERIOD_S,
+            reference: &rest,
+        });
+        most = most.max(law.iterations());
+        motion = MODEL.advance(&motion, &command, &Bias::default(), PERIOD_S);
+    }
+    assert!((1..=25).contains(&most), "{most}");
 }
