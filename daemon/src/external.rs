@@ -8,12 +8,11 @@ use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
 use oqtal_control::controller::LawTerms;
-use oqtal_control::predictive::{Motion, MotionTracker};
 use oqtal_control::quantity::{StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::trajectory::Reference;
 
 use crate::command::{RotationCommand, SATURATED, VehicleCommand};
+use crate::question::QuestionView;
 use crate::stack::ControlOutput;
 
 /// Tolerance for rounding: part by which an answer may exceed the vehicle's range, and the norm of a quaternion 1 \[-\].
@@ -106,23 +105,6 @@ impl fmt::Debug for LawPort<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("LawPort").field(&self.0.is_some()).finish()
     }
-}
-
-/// The flight at a tick in which an external law is asked.
-#[derive(Clone, Copy)]
-pub struct QuestionView<'a> {
-    /// The present instant.
-    pub now: Time,
-    /// The motion predicted for the command's effect.
-    pub ahead: &'a Motion,
-    /// Bias and delay of the prediction.
-    pub tracker: &'a MotionTracker,
-    /// The reference for the command's effect.
-    pub reference: &'a Reference,
-    /// The reference at an instant; `None` while it is not that of the plan or of a planner.
-    pub course: &'a dyn Fn(Time) -> Option<Reference>,
-    /// The output of the fallback law.
-    pub fallback: &'a ControlOutput,
 }
 
 /// Questions to an external law, and its answers. No method but the constructor allocates.

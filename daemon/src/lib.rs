@@ -21,6 +21,7 @@
 //! | `law_guard.rs` | the selection between a law and its fallback |
 //! | `envelope.rs` | the motion to which a command leads, against its limits |
 //! | `external.rs` | a law outside the daemon: questions and answers |
+//! | `question.rs` | the flight at a tick in which an external law is asked |
 //! | `law_socket.rs` | an external law in another process |
 //! | `handover.rs` | a change of the control stack without a jump of the command |
 //! | `measured_noise.rs`, `delayed_mean.rs` | the noise of the poses |
@@ -85,6 +86,7 @@ mod mission;
 mod operator;
 mod pose_noise;
 mod pose_rate;
+mod question;
 mod refusal;
 mod room;
 mod setpoint;
@@ -123,7 +125,7 @@ pub use command_model::CommandModel;
 pub use condition::{Condition, Followed};
 pub use cycle::{Cycle, FirstFlight, LoopTiming, Tick};
 pub use envelope::{Candidate, Envelope};
-pub use external::{ExternalLaw, LawPort, QuestionView, reason_of, without_answer};
+pub use external::{ExternalLaw, LawPort, reason_of, without_answer};
 pub use fence::Fence;
 use flight_marker::TakeOffMarker;
 pub use flight_room::{known_start, require_flyable};
@@ -137,6 +139,7 @@ pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
 pub use operator::{LoopHandle, LoopRequest, OperatorRequests, loop_handoff};
 pub use pose_noise::PoseNoise;
+pub use question::QuestionView;
 pub use refusal::Refusal;
 pub use setpoint::{CheckedSetpoint, SetpointGuard};
 pub use stack::{ControlOutput, ControlStack, LawInput};

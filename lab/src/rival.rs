@@ -30,8 +30,8 @@ impl Knowledge {
     pub fn name(self) -> &'static str {
         match self {
             Self::Now => "as published",
-            Self::Effect => "with prediction",
-            Self::Disturbances => "with prediction and disturbances",
+            Self::Effect => "prediction",
+            Self::Disturbances => "prediction and disturbances",
         }
     }
 }
@@ -94,7 +94,11 @@ impl RivalName {
 /// Gains of [`NmpcOptions::of`], by knowledge.
 const NMPC: [[f64; 8]; 3] = [[500.0, 1.0, 5.0, 200.0, 1.0, 6.0, 6.0, 3.0]; 3];
 /// Gains of [`DfbcOptions::of`], by knowledge.
-const DFBC: [[f64; 9]; 3] = [[6.0, 6.0, 4.0, 4.0, 120.0, 20.0, 18.0, 8.0, 3.0]; 3];
+const DFBC: [[f64; 9]; 3] = [
+    [13.853, 19.801, 4.350, 6.921, 386.517, 9.443, 24.081, 14.157, 4.684],
+    [7.345, 19.436, 5.236, 11.787, 474.693, 31.921, 36.310, 17.038, 3.374],
+    [4.444, 8.814, 11.426, 4.650, 600.000, 6.245, 34.875, 17.142, 3.034],
+];
 /// Gains of [`L1Options::of`], by knowledge.
 const L1: [[f64; 8]; 3] = [[6.0, 6.0, 4.0, 4.0, 8.0, 4.0, 2.0, 4.0]; 3];
 

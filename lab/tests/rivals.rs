@@ -1,7 +1,7 @@
 //! Flights of the laws of `oqtal-rivals` beside `oqtal-dt` and `geometric`, on the same seeds.
 //!
 //! `OQTAL_TEST_RIVALS_SEEDS=4 cargo test -p oqtal-lab --test studies rivals:: -- --nocapture` prints the tables of docs/rivals.md;
-//! `OQTAL_TEST_RIVALS_LAWS` names some of the laws, separated by commas.
+//! `OQTAL_TEST_RIVALS_LAWS` has parts of the names of some laws, separated by semicolons.
 
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -148,6 +148,12 @@ impl Entry {
         }
     }
 
+    /// Whether `OQTAL_TEST_RIVALS_LAWS` is not set, or has a part of the name.
+    fn is_asked(&self) -> bool {
+        let asked = std::env::var("OQTAL_TEST_RIVALS_LAWS").ok();
+        asked.is_none_or(|all| all.split(';').any(|it| self.name().contains(it)))
+    }
+
     fn fly(self, settings: &[String]) -> (Flight, Vec<Span>) {
         match self {
             Self::BuiltIn(law) => (built_in(law, settings), Vec::new()),
@@ -188,16 +194,11 @@ fn row(law: Entry, delay: &[&str], seeds: u64, taken: &mut Vec<Span>) -> Vec<Str
 fn rivals_of_the_literature_beside_the_laws_of_the_daemon() {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     let Some(seeds): Option<u64> = number("OQTAL_TEST_RIVALS_SEEDS") else { return };
-    let asked = std::env::var("OQTAL_TEST_RIVALS_LAWS").ok();
-    let is_asked = |law: &Entry| {
-        let name = law.name();
-        asked.as_ref().is_none_or(|all| all.split(',').any(|it| name.contains(it)))
-    };
     let names: Vec<String> = trajectories().into_iter().map(|(name, _)| name).collect();
     for (delay, settings) in DELAYS {
         println!("\n{delay}\n\n| law | {} |", names.join(" | "));
         println!("|---{}|", "|---".repeat(names.len()));
-        for law in Entry::all().into_iter().filter(is_asked) {
+        for law in Entry::all().into_iter().filter(|law| law.is_asked()) {
             let mut taken = Vec::new();
             let cells = row(law, settings, seeds, &mut taken);
             println!("| {} | {} |", law.name(), cells.join(" | "));
@@ -233,14 +234,8 @@ const LOST_MM: f64 = 1000.0;
 fn gains_of_the_rivals_are_found_by_the_optimiser_of_the_other_laws() {
     let budget = std::env::var("OQTAL_TEST_RIVALS_TUNE").ok().and_then(|text| text.parse().ok());
     let Some(budget): Option<usize> = budget else { return };
-    let asked = std::env::var("OQTAL_TEST_RIVALS_LAWS").ok();
-    for (law, knowledge) in
-        RivalName::ALL.into_iter().flat_map(|law| Knowledge::ALL.map(|knowledge| (law, knowledge)))
-    {
-        let name = Entry::Rival(law, knowledge).name();
-        if !asked.as_ref().is_none_or(|all| all.split(',').any(|it| name.contains(it))) {
-            continue;
-        }
+    for entry in Entry::all().into_iter().filter(|entry| entry.is_asked()) {
+        let Entry::Rival(law, knowledge) = entry else { continue };
         let ln = |values: &[f64]| values.iter().map(|value| value.ln()).collect::<Vec<_>>();
         let bounds: Vec<_> = law.ranges().iter().map(|[low, high]| low.ln()..=high.ln()).collect();
         let objective = |point: &Vec<f64>| {
@@ -255,12 +250,12 @@ fn gains_of_the_rivals_are_found_by_the_optimiser_of_the_other_laws() {
             });
             errors.sum::<f64>() / TRAINING.len() as f64
         };
-        let starts = [ln(law.gains(knowledge))];
+        let starts = Knowledge::ALL.map(|other| ln(law.gains(other)));
         let found = Optimiser::CmaEs.minimise(&bounds, &starts, (budget, 1), |points| {
             points.iter().map(objective).collect()
         });
         let gains: Vec<String> =
             found.point.iter().map(|value| format!("{:.3}", value.exp())).collect();
-        println!("{name}: {:.2} mm, [{}]", found.value.exp(), gains.join(", "));
+        println!("{}: {:.2} mm, [{}]", entry.name(), found.value.exp(), gains.join(", "));
     }
 }

@@ -13,9 +13,10 @@ use super::control::{ControlTick, Directive};
 use super::course::FlightCourse;
 use super::intake::Intake;
 use crate::command::VehicleCommand;
-use crate::external::{ExternalControl, ExternalLaw, QuestionView};
+use crate::external::{ExternalControl, ExternalLaw};
 use crate::guard::seconds;
 use crate::law_guard::{GuardReport, GuardedTick, LawGuard, LiveGuard};
+use crate::question::QuestionView;
 use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// The tick of a guarded law.
@@ -31,8 +32,6 @@ pub(super) struct LawTick<'a> {
     pub(super) last: &'a VehicleCommand,
     /// The course of the flight.
     pub(super) course: &'a FlightCourse,
-    /// Offset of the heading for the effect of the command of this tick \[rad\].
-    pub(super) offset_rad: f64,
     /// The reference of a fallback while an attitude is prescribed; `None` otherwise.
     pub(super) of_fallback: Option<Reference>,
     /// Whether the law may fly.
@@ -190,10 +189,12 @@ fn ask(
     (ahead, reference): (&Motion, &Reference),
     (fallback, outside): (&ControlOutput, &mut dyn ExternalLaw),
 ) -> Result<ControlOutput, HandoverCause> {
-    let LawTick { tick, intake, course, offset_rad, .. } = *law_tick;
+    let LawTick { tick, intake, course, .. } = *law_tick;
     let (now, tracker) = (tick.now, intake.tracker());
-    let course = |at: Time| course.reference_at(at, offset_rad);
     let acts_at = now + Span::from_seconds(tracker.effect_delay_s());
+    // The oscillation reveals poses that do not follow the vehicle; an external law must fly it, too.
+    let offset_rad = intake.consistency().heading_offset_rad(acts_at);
+    let course = |at: Time| course.reference_at(at, offset_rad);
     let reference = &course(acts_at).unwrap_or(*reference);
     let course = &course;
     external.ask(&QuestionView { now, ahead, tracker, reference, course, fallback }, outside)
