@@ -80,15 +80,17 @@ impl RivalName {
 
     /// The law with these gains, as many as it has ranges \[units of the options\].
     pub fn with_gains(self, gains: &[f64]) -> Box<dyn Rival> {
-        let ninth = gains.get(8).copied().unwrap_or_default();
-        let eight: [f64; 8] = std::array::from_fn(|index| gains[index]);
-        let [a, b, c, d, e, f, g, h] = eight;
         match self {
-            Self::Nmpc => Box::new(Nmpc::new(NmpcOptions::of(&eight))),
-            Self::Dfbc => Box::new(Dfbc::new(DfbcOptions::of(&[a, b, c, d, e, f, g, h, ninth]))),
-            Self::L1Geometric => Box::new(L1Geometric::new(L1Options::of(&eight))),
+            Self::Nmpc => Box::new(Nmpc::new(NmpcOptions::of(&array(gains)))),
+            Self::Dfbc => Box::new(Dfbc::new(DfbcOptions::of(&array(gains)))),
+            Self::L1Geometric => Box::new(L1Geometric::new(L1Options::of(&array(gains)))),
         }
     }
+}
+
+/// The first `N` gains.
+fn array<const N: usize>(gains: &[f64]) -> [f64; N] {
+    std::array::from_fn(|index| gains[index])
 }
 
 /// Gains of [`NmpcOptions::of`], by knowledge.
@@ -100,7 +102,11 @@ const DFBC: [[f64; 9]; 3] = [
     [4.444, 8.814, 11.426, 4.650, 600.000, 6.245, 34.875, 17.142, 3.034],
 ];
 /// Gains of [`L1Options::of`], by knowledge.
-const L1: [[f64; 8]; 3] = [[6.0, 6.0, 4.0, 4.0, 8.0, 4.0, 2.0, 4.0]; 3];
+const L1: [[f64; 8]; 3] = [
+    [3.999, 6.329, 4.951, 5.519, 7.508, 2.202, 12.582, 12.379],
+    [8.735, 8.307, 4.918, 5.014, 6.738, 3.184, 10.266, 5.555],
+    [60.0, 10.247, 4.323, 10.573, 40.0, 5.898, 3.082, 0.191],
+];
 
 /// A law in a flight.
 pub struct RivalLaw {

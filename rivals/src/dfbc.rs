@@ -114,10 +114,10 @@ impl Rival for Dfbc {
         let RivalTick { vehicle, motion, bias, dt_s, .. } = *tick;
         let DfbcOptions { position, velocity, .. } = self.options;
         let reference = (tick.reference)(0.0);
-        // Sun et al., Eqs. (18) and (19)
         let correction = (reference.position - motion.position).component_mul(&axes(position))
             + (reference.velocity - motion.velocity).component_mul(&axes(velocity));
         let force = force_for(&reference, vehicle, motion, &(correction - bias.acceleration));
+        // Sun et al., Eqs. (14) to (24): attitude, rate and acceleration of the force
         let wanted = force.attitude(reference.yaw_after(0.0));
         let alpha = self.angular_acceleration(motion, &wanted);
         let error = self.increment.demand_error(tick).unwrap_or(bias.demand);

@@ -20,7 +20,7 @@ impl FlatPoint {
         let mut force =
             Force::along(&Course::of(reference), vehicle.gravity_m_s2, vehicle.drag_per_s);
         force.value -= bias.acceleration;
-        // Sun et al., Eqs. (14) to (17), with drag
+        // Sun et al., Eqs. (14) to (24): attitude, rate and acceleration of the force
         let attitude = force.attitude(reference.yaw_after(0.0));
         let thrust_n = vehicle.mass_kg * force.value.norm();
         let growth = vehicle.mass_kg * thrust_growth(&force);

@@ -141,13 +141,13 @@ impl Rival for L1Geometric {
             true => acceleration,
             false => up * acceleration.dot(&up),
         };
-        // Lee et al., Eq. (12), per mass
+        // Lee et al., the force of the position-controlled mode, per mass
         let correction = (reference.position - motion.position).component_mul(&axes(position))
             + (reference.velocity - motion.velocity).component_mul(&axes(velocity));
         let force = force_for(&reference, vehicle, motion, &(correction - cancelled));
         let wanted = force.attitude(reference.yaw_after(0.0));
         let error = AttitudeError::between(&wanted.attitude, &motion.attitude);
-        // Lee et al., Eq. (10): e_R
+        // Lee et al., e_R, as in the law `geometric`
         let e_r = 2.0 * error.lambda() * error.eps();
         let to_body = error.rotation();
         let lag_s = vehicle.rate_lag_s;

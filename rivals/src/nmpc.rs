@@ -233,7 +233,7 @@ impl Rival for Nmpc {
             }),
         };
         self.linearise(tick, &plan);
-        // Sun et al., Eqs. (10) to (12)
+        // Sun et al., Eqs. (4) to (12)
         match self.program.solve() {
             Some(iterations) => {
                 self.iterations = iterations;

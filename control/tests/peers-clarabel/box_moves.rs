@@ -2,7 +2,7 @@
 
 use clarabel::solver::SupportedConeT::NonnegativeConeT;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus};
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix, SVector};
 use oqtal_rivals::program::{BoxProgram, MOST_ITERATIONS};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -39,11 +39,11 @@ fn by_clarabel(program: &BoxProgram<S, M, N>) -> Option<Vec<f64>> {
     let variables = N * M;
     let (mut h, mut f) = (DMatrix::zeros(variables, variables), DVector::zeros(variables));
     // State after each step, as a product with all moves.
-    let mut by_moves = DMatrix::<f64>::zeros(S, variables);
+    let mut by_moves = OMatrix::<f64, Const<S>, Dyn>::zeros(variables);
     let mut limits = DVector::zeros(2 * variables);
     for (index, stage) in program.stages.iter().enumerate() {
         by_moves = stage.a * by_moves;
-        let mut own = by_moves.columns_mut(index * M, M);
+        let mut own = by_moves.fixed_columns_mut::<M>(index * M);
         own += stage.b;
         h += by_moves.tr_mul(&(stage.q * &by_moves));
         f += by_moves.tr_mul(&stage.q_gradient);

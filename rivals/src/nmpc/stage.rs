@@ -82,7 +82,7 @@ impl StageModel<'_> {
         let lift = LagWeights::over(h, thrust_lag_s);
         let mean_n =
             (motion.thrust_n * lift.integral + input.thrust_n * lift.commanded_integral) / h;
-        // Newton's law, in the world frame; Sun et al., Eq. (1), with linear drag
+        // Newton's law, in the world frame, with linear drag
         let up = middle.to_world(&Vector3::z());
         let acceleration =
             up * (mean_n / mass_kg) - Vector3::z() * gravity_m_s2 + self.bias.acceleration;
