@@ -46,6 +46,17 @@ const DELAYS: [(&str, &[&str]); 5] = [
     ),
 ];
 
+/// Gains of `oqtal-dt` that the search finds: key, range and result.
+const OURS: [(&str, [f64; 2], f64); 7] = [
+    ("control.oqtal-dt.attitude-weight", [100.0, 1e5], 1246.853),
+    ("control.oqtal-dt.rate-weight", [1e-3, 10.0], 0.046),
+    ("control.predictive.position-gain-per-s", [0.3, 10.0], 3.637),
+    ("control.predictive.vertical-position-gain-per-s", [0.3, 10.0], 1.742),
+    ("control.predictive.velocity-gain-per-s", [2.0, 30.0], 11.262),
+    ("control.predictive.vertical-velocity-gain-per-s", [2.0, 30.0], 8.193),
+    ("control.predictive.command-bandwidth-rad-s", [4.0, 60.0], 39.096),
+];
+
 /// Settings of the trajectories: a hover, a circle, and lemniscates of this half length \[m\] and greatest speed \[m/s\].
 fn trajectories() -> Vec<(String, Vec<String>)> {
     let hover = ["trajectory.kind=hover", "trajectory.hover.duration-s=14"];
@@ -130,6 +141,8 @@ fn error_mm(flight: &Flight) -> Option<f64> {
 #[derive(Clone, Copy)]
 enum Entry {
     BuiltIn(&'static str),
+    /// `oqtal-dt` with the gains of the search.
+    Found,
     Rival(RivalName, Knowledge),
 }
 
@@ -137,13 +150,15 @@ impl Entry {
     /// The laws of a table.
     fn all() -> Vec<Self> {
         let of = |law| Knowledge::ALL.map(|knowledge| Self::Rival(law, knowledge));
-        let built_in = ["oqtal-dt", "geometric"].map(Self::BuiltIn);
+        let [ours, other] = ["oqtal-dt", "geometric"].map(Self::BuiltIn);
+        let built_in = [ours, Self::Found, other];
         built_in.into_iter().chain(RivalName::ALL.into_iter().flat_map(of)).collect()
     }
 
     fn name(self) -> String {
         match self {
             Self::BuiltIn(law) => format!("`{law}`"),
+            Self::Found => "`oqtal-dt`, gains of the search".to_owned(),
             Self::Rival(law, knowledge) => format!("`{}`, {}", law.name(), knowledge.name()),
         }
     }
@@ -154,10 +169,36 @@ impl Entry {
         asked.is_none_or(|all| all.split(';').any(|it| self.name().contains(it)))
     }
 
-    fn fly(self, settings: &[String]) -> (Flight, Vec<Span>) {
+    /// Ranges of the gains in the search.
+    fn ranges(self) -> Vec<[f64; 2]> {
+        match self {
+            Self::BuiltIn(_) => Vec::new(),
+            Self::Found => OURS.map(|(_, range, _)| range).to_vec(),
+            Self::Rival(law, _) => law.ranges().to_vec(),
+        }
+    }
+
+    /// Sets of gains at which the search begins, its last results; the first is flown in the tables.
+    fn gains(self) -> Vec<Vec<f64>> {
+        match self {
+            Self::BuiltIn(_) => vec![Vec::new()],
+            Self::Found => vec![OURS.map(|(_, _, gain)| gain).to_vec()],
+            Self::Rival(law, own) => {
+                let others = Knowledge::ALL.into_iter().filter(|other| *other != own);
+                [own].into_iter().chain(others).map(|it| law.gains(it).to_vec()).collect()
+            }
+        }
+    }
+
+    fn fly(self, gains: &[f64], settings: &[String]) -> (Flight, Vec<Span>) {
         match self {
             Self::BuiltIn(law) => (built_in(law, settings), Vec::new()),
-            Self::Rival(law, it) => flight_of((law, it, law.gains(it)), settings),
+            Self::Found => {
+                let own = OURS.iter().zip(gains).map(|((key, ..), gain)| format!("{key}={gain}"));
+                let settings: Vec<String> = settings.iter().cloned().chain(own).collect();
+                (built_in("oqtal-dt", &settings), Vec::new())
+            }
+            Self::Rival(law, knowledge) => flight_of((law, knowledge, gains), settings),
         }
     }
 }
@@ -181,7 +222,7 @@ fn row(law: Entry, delay: &[&str], seeds: u64, taken: &mut Vec<Span>) -> Vec<Str
             let fixed = ROOM.iter().chain(delay).copied().chain([seed.as_str()]);
             let settings: Vec<String> =
                 fixed.map(str::to_owned).chain(trajectory.iter().cloned()).collect();
-            let (flight, times) = law.fly(&settings);
+            let (flight, times) = law.fly(&law.gains()[0], &settings);
             taken.extend(times);
             error_mm(&flight)
         });
@@ -216,7 +257,8 @@ fn each_law_of_the_literature_hovers_without_its_fallback() {
     for law in RivalName::ALL {
         let settings = ["trajectory.kind=hover", "trajectory.hover.duration-s=8", "clock.seed=7"]
             .map(str::to_owned);
-        let (flight, _) = Entry::Rival(law, Knowledge::Disturbances).fly(&settings);
+        let entry = Entry::Rival(law, Knowledge::Disturbances);
+        let (flight, _) = entry.fly(&entry.gains()[0], &settings);
         let error_mm = error_mm(&flight);
         assert!(error_mm.is_some_and(|error| error < 8.0), "{law:?}: {error_mm:?}");
     }
@@ -235,9 +277,12 @@ fn gains_of_the_rivals_are_found_by_the_optimiser_of_the_other_laws() {
     let budget = std::env::var("OQTAL_TEST_RIVALS_TUNE").ok().and_then(|text| text.parse().ok());
     let Some(budget): Option<usize> = budget else { return };
     for entry in Entry::all().into_iter().filter(|entry| entry.is_asked()) {
-        let Entry::Rival(law, knowledge) = entry else { continue };
         let ln = |values: &[f64]| values.iter().map(|value| value.ln()).collect::<Vec<_>>();
-        let bounds: Vec<_> = law.ranges().iter().map(|[low, high]| low.ln()..=high.ln()).collect();
+        let ranges = entry.ranges();
+        let bounds: Vec<_> = ranges.iter().map(|[low, high]| low.ln()..=high.ln()).collect();
+        if bounds.is_empty() {
+            continue;
+        }
         let objective = |point: &Vec<f64>| {
             let gains: Vec<f64> = point.iter().map(|value| value.exp()).collect();
             let errors = TRAINING.iter().enumerate().map(|(index, [trajectory, delay])| {
@@ -245,12 +290,12 @@ fn gains_of_the_rivals_are_found_by_the_optimiser_of_the_other_laws() {
                 let fixed = ROOM.iter().chain(DELAYS[*delay].1).copied().chain([seed.as_str()]);
                 let own = trajectories()[*trajectory].1.clone();
                 let settings: Vec<String> = fixed.map(str::to_owned).chain(own).collect();
-                let (flight, _) = flight_of((law, knowledge, &gains), &settings);
+                let (flight, _) = entry.fly(&gains, &settings);
                 error_mm(&flight).unwrap_or(LOST_MM).min(LOST_MM).ln()
             });
             errors.sum::<f64>() / TRAINING.len() as f64
         };
-        let starts = Knowledge::ALL.map(|other| ln(law.gains(other)));
+        let starts: Vec<_> = entry.gains().iter().map(|gains| ln(gains)).collect();
         let found = Optimiser::CmaEs.minimise(&bounds, &starts, (budget, 1), |points| {
             points.iter().map(objective).collect()
         });
