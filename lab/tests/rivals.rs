@@ -203,13 +203,13 @@ impl Entry {
     }
 }
 
-/// Cell of a table: median of the errors, with the number of flights that were lost.
+/// Cell of a table: median of the errors, with the number of flights that ended early.
 fn cell(errors: &[Option<f64>]) -> String {
-    let lost = errors.iter().filter(|error| error.is_none()).count();
-    match (median(errors.iter().copied().flatten()), lost) {
-        (None, _) => format!("{lost} lost"),
+    let early = errors.iter().filter(|error| error.is_none()).count();
+    match (median(errors.iter().copied().flatten()), early) {
+        (None, _) => format!("{early} ended early"),
         (Some(median), 0) => format!("{median:.1}"),
-        (Some(median), _) => format!("{median:.1}, {lost} lost"),
+        (Some(median), _) => format!("{median:.1}, {early} ended early"),
     }
 }
 
