@@ -1,7 +1,7 @@
 //! Flights of the laws of `oqtal-rivals` beside `oqtal-dt` and `geometric`, on the same seeds.
 //!
 //! `OQTAL_TEST_RIVALS_SEEDS=4 cargo test -p oqtal-lab --test studies rivals:: -- --nocapture` prints the tables of docs/rivals.md;
-//! `OQTAL_TEST_RIVALS_LAWS` has parts of the names of some laws, separated by semicolons.
+//! `OQTAL_TEST_RIVALS_LAWS` has ends of the names of some laws, separated by semicolons.
 
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -163,10 +163,10 @@ impl Entry {
         }
     }
 
-    /// Whether `OQTAL_TEST_RIVALS_LAWS` is not set, or has a part of the name.
+    /// Whether `OQTAL_TEST_RIVALS_LAWS` is not set, or has an end of the name.
     fn is_asked(&self) -> bool {
         let asked = std::env::var("OQTAL_TEST_RIVALS_LAWS").ok();
-        asked.is_none_or(|all| all.split(';').any(|it| self.name().contains(it)))
+        asked.is_none_or(|all| all.split(';').any(|it| self.name().ends_with(it)))
     }
 
     /// Ranges of the gains in the search.
