@@ -244,15 +244,12 @@ impl Cycle {
     ) -> Option<ControlOutput> {
         let Some(guarded) = &mut self.guarded else { return computed };
         guarded.begin_tick();
-        let acts_at = tick.now + Span::from_seconds(self.intake.tracker().effect_delay_s());
-        // The oscillation reveals poses that do not follow the vehicle; an external law must fly it, too.
-        let offset_rad = self.intake.consistency().heading_offset_rad(acts_at);
         let law_tick = LawTick {
             tick,
             directive,
             intake: &self.intake,
             last: &self.control.sent(),
-            reference_ahead: self.supervision.course().reference_at(acts_at, offset_rad),
+            course: self.supervision.course(),
             of_fallback,
             is_free: self.supervision.is_free_flight(),
         };

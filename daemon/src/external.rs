@@ -8,12 +8,11 @@ use oqtal_bus::message::{ExternalV1, StateV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
 use oqtal_control::controller::LawTerms;
-use oqtal_control::predictive::{Motion, MotionTracker};
 use oqtal_control::quantity::{StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::trajectory::Reference;
 
 use crate::command::{RotationCommand, SATURATED, VehicleCommand};
+use crate::question::QuestionView;
 use crate::stack::ControlOutput;
 
 /// Tolerance for rounding: part by which an answer may exceed the vehicle's range, and the norm of a quaternion 1 \[-\].
@@ -23,6 +22,9 @@ const TOLERANCE: f64 = 1e-6;
 pub trait ExternalLaw {
     /// Restarts integrals and filters: a flight begins.
     fn reset(&mut self);
+
+    /// Takes the flight at a tick before its question: a law in this process may use more of it than the question has.
+    fn look(&mut self, _view: &QuestionView) {}
 
     /// The command for `state`, in units of the vehicle: see [`ExternalV1`]. `None` without an answer in time; [`without_answer`] for
     /// another reason.
@@ -50,6 +52,10 @@ pub fn reason_of(answer: &ExternalV1) -> Option<HandoverCause> {
 impl<L: ExternalLaw + ?Sized> ExternalLaw for &mut L {
     fn reset(&mut self) {
         (**self).reset();
+    }
+
+    fn look(&mut self, view: &QuestionView) {
+        (**self).look(view);
     }
 
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
@@ -82,6 +88,10 @@ impl ExternalLaw for LawPort<'_> {
         self.0.iter_mut().for_each(|law| law.reset());
     }
 
+    fn look(&mut self, view: &QuestionView) {
+        self.0.iter_mut().for_each(|law| law.look(view));
+    }
+
     fn answer(&mut self, state: &StateV1) -> Option<ExternalV1> {
         self.0.as_mut()?.answer(state)
     }
@@ -95,21 +105,6 @@ impl fmt::Debug for LawPort<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("LawPort").field(&self.0.is_some()).finish()
     }
-}
-
-/// The flight at a tick in which an external law is asked.
-#[derive(Clone, Copy, Debug)]
-pub struct QuestionView<'a> {
-    /// The present instant.
-    pub now: Time,
-    /// The motion predicted for the command's effect.
-    pub ahead: &'a Motion,
-    /// Bias and delay of the prediction.
-    pub tracker: &'a MotionTracker,
-    /// The reference for the command's effect.
-    pub reference: &'a Reference,
-    /// The output of the fallback law.
-    pub fallback: &'a ControlOutput,
 }
 
 /// Questions to an external law, and its answers. No method but the constructor allocates.
@@ -189,6 +184,7 @@ impl ExternalControl {
             self.question.flight += 1;
         }
         self.fill_in(view);
+        law.look(view);
         let answered = law.answer(&self.question);
         let StateV1 { sequence, time, .. } = self.question;
         let mut answer = answered.unwrap_or_default();
@@ -208,7 +204,7 @@ impl ExternalControl {
     }
 
     fn fill_in(&mut self, view: &QuestionView) {
-        let QuestionView { now, ahead, tracker, reference, fallback } = *view;
+        let QuestionView { now, ahead, tracker, reference, fallback, .. } = *view;
         let (bias, unknown) = (tracker.bias(), [f64::NAN; 3]);
         let prescribed = reference.attitude;
         let question = &mut self.question;

@@ -21,6 +21,7 @@
 //! | `law_guard.rs` | the selection between a law and its fallback |
 //! | `envelope.rs` | the motion to which a command leads, against its limits |
 //! | `external.rs` | a law outside the daemon: questions and answers |
+//! | `question.rs` | the flight at a tick in which an external law is asked |
 //! | `law_socket.rs` | an external law in another process |
 //! | `handover.rs` | a change of the control stack without a jump of the command |
 //! | `measured_noise.rs`, `delayed_mean.rs` | the noise of the poses |
@@ -86,6 +87,7 @@ mod mission;
 mod operator;
 mod pose_noise;
 mod pose_rate;
+mod question;
 mod refusal;
 mod room;
 mod setpoint;
@@ -138,6 +140,7 @@ pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
 pub use operator::{LoopHandle, LoopRequest, OperatorRequests, loop_handoff};
 pub use pose_noise::PoseNoise;
+pub use question::QuestionView;
 pub use refusal::Refusal;
 pub use setpoint::{CheckedSetpoint, SetpointGuard};
 pub use stack::{ControlOutput, ControlStack, LawInput};

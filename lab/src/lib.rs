@@ -6,6 +6,7 @@
 //! | `faults.rs` | injected faults and disturbances, checked against the processes of a flight |
 //! | `mission.rs` | configuration and files of a flight, read and checked |
 //! | `study.rs` | the study engine: laws × cases × flights × tests, rows, tables |
+//! | `rival.rs` | laws of the literature, `oqtal-rivals`, as external laws of an in-process flight |
 //! | `campaign.rs` | `oqtal campaign`: laws over many runs |
 //! | `sweep.rs` | `oqtal sweep`: figures over values of any keys |
 //! | `tune.rs` | `oqtal tune`: optimisation of gains |
@@ -37,6 +38,7 @@ pub mod progress;
 mod random;
 pub mod replay;
 pub mod reproduce;
+pub mod rival;
 pub mod robustness;
 pub mod sheet;
 pub mod simulation;

@@ -18,9 +18,20 @@ const ORDER: &[(&str, &[&str])] = &[
     ("operator", &["bus", "runtime", "observe"]),
     ("screen", &["bus", "config", "runtime", "observe"]),
     ("view", &["control", "bus", "config", "observe"]),
+    ("rivals", &["control"]),
     (
         "lab",
-        &["control", "bus", "config", "runtime", "observe", "daemon", "plant-sim", "mocap-emu"],
+        &[
+            "control",
+            "bus",
+            "config",
+            "runtime",
+            "observe",
+            "daemon",
+            "plant-sim",
+            "mocap-emu",
+            "rivals",
+        ],
     ),
 ];
 

@@ -1,6 +1,8 @@
 //! First moves of random programs, found by [`HorizonProgram::solve`] and by Clarabel.
 #![cfg(test)]
 
+mod box_moves;
+
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{NonnegativeConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus};

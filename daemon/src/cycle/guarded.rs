@@ -2,6 +2,7 @@
 
 use oqtal_bus::code::{Cause, HandoverCause};
 use oqtal_bus::message::{ExternalV1, StateV1};
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
@@ -9,11 +10,13 @@ use oqtal_control::predictive::Motion;
 use oqtal_control::trajectory::Reference;
 
 use super::control::{ControlTick, Directive};
+use super::course::FlightCourse;
 use super::intake::Intake;
 use crate::command::VehicleCommand;
-use crate::external::{ExternalControl, ExternalLaw, QuestionView};
+use crate::external::{ExternalControl, ExternalLaw};
 use crate::guard::seconds;
 use crate::law_guard::{GuardReport, GuardedTick, LawGuard, LiveGuard};
+use crate::question::QuestionView;
 use crate::stack::{ControlOutput, ControlStack, LawInput};
 
 /// The tick of a guarded law.
@@ -27,8 +30,8 @@ pub(super) struct LawTick<'a> {
     pub(super) intake: &'a Intake,
     /// The command of the last tick.
     pub(super) last: &'a VehicleCommand,
-    /// The reference for the effect of the command of this tick.
-    pub(super) reference_ahead: Option<Reference>,
+    /// The course of the flight.
+    pub(super) course: &'a FlightCourse,
     /// The reference of a fallback while an attitude is prescribed; `None` otherwise.
     pub(super) of_fallback: Option<Reference>,
     /// Whether the law may fly.
@@ -154,7 +157,6 @@ impl GuardedControl {
         let heading_rad = prescribed.unwrap_or(reference.yaw_rad);
         let (law, fallback) = match &mut self.law {
             GuardedLaw::External(external) => {
-                let reference = law_tick.reference_ahead.as_ref().unwrap_or(reference);
                 (ask(external, law_tick, (&ahead, reference), (&output, outside)), output)
             }
             GuardedLaw::BuiltIn(stack) => {
@@ -187,8 +189,15 @@ fn ask(
     (ahead, reference): (&Motion, &Reference),
     (fallback, outside): (&ControlOutput, &mut dyn ExternalLaw),
 ) -> Result<ControlOutput, HandoverCause> {
-    let (now, tracker) = (law_tick.tick.now, law_tick.intake.tracker());
-    external.ask(&QuestionView { now, ahead, tracker, reference, fallback }, outside)
+    let LawTick { tick, intake, course, .. } = *law_tick;
+    let (now, tracker) = (tick.now, intake.tracker());
+    let acts_at = now + Span::from_seconds(tracker.effect_delay_s());
+    // The oscillation reveals poses that do not follow the vehicle; an external law must fly it, too.
+    let offset_rad = intake.consistency().heading_offset_rad(acts_at);
+    let course = |at: Time| course.reference_at(at, offset_rad);
+    let reference = &course(acts_at).unwrap_or(*reference);
+    let course = &course;
+    external.ask(&QuestionView { now, ahead, tracker, reference, course, fallback }, outside)
 }
 
 /// `output`, if its command is finite.
