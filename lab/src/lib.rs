@@ -23,8 +23,10 @@
 //! | `progress.rs` | progress bars |
 //! | `journal.rs` | results of an interrupted study |
 //! | `random.rs` | random numbers of studies |
+//! | `bootstrap.rs` | confidence intervals by resampling |
 #![forbid(unsafe_code)]
 
+pub mod bootstrap;
 pub mod cameras;
 pub mod campaign;
 pub mod csv_text;

@@ -3,6 +3,7 @@
 pub mod against;
 pub mod cases;
 pub mod draws;
+pub mod form;
 pub mod frequency;
 pub mod impulse;
 pub mod linear;
@@ -30,6 +31,7 @@ use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::PageHead;
 use crate::sheet::Sheet;
 use crate::study::args::{StudyArgs, say_notes};
+use crate::study::flights::Test;
 use crate::study::gains::{self, GainSource};
 use crate::study::law::{self, STUDY_DEFAULT, StudyLaw};
 use crate::study::{Flown, failure, records};
@@ -45,8 +47,10 @@ pub struct RobustnessArgs {
     /// Laws to fly
     #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(law::names()), default_values = law::names())]
     laws: Vec<String>,
-    /// Spread of the plants: `vehicle` (mass, thrust, authority, lags, delays, drag), `everything` (its environment too), or a
-    /// file in TOML with a form of drawing for each key (docs/robustness.md)
+    /// Spread of the plants: `vehicle` (mass, thrust, authority, lags, delays, drag), `axes` (an authority for each axis), `noise`
+    /// (of the attitude, 0.05 to 0.8 deg, unknown to the laws), `room` (cameras of that preset), `rotors` (simulated rotors),
+    /// `everything` (vehicle and environment), a file in TOML with a form of drawing for each key (docs/robustness.md), or
+    /// several of these joined by +
     #[arg(long, value_name = "SPREAD", default_value = "vehicle", value_parser = NonEmptyStringValueParser::new())]
     spread: String,
     /// Further spreads, each as for --spread, with the same number of draws and tables of their own
@@ -55,6 +59,9 @@ pub struct RobustnessArgs {
     /// Also the same number of draws of the spread with every range twice as wide
     #[arg(long)]
     wide: bool,
+    /// Tests that are flown in each draw
+    #[arg(long, value_name = "TESTS", value_delimiter = ',', value_parser = PossibleValuesParser::new(Test::ALL.map(Test::name)), default_values = Test::ALL.map(Test::name))]
+    tests: Vec<String>,
     /// Number of draws; every law flies all of them
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=MOST_DRAWS))]
     runs: u64,
@@ -169,7 +176,11 @@ impl RobustnessArgs {
         let laws = laws(&self.laws, &self.gains, common)?;
         say_notes(law::warnings(&laws));
         let loops = if self.margins { margins::all(&laws, progress)? } else { Vec::new() };
-        let study = MonteCarlo { laws: &laws, common, progress };
+        let tests: Vec<Test> = Test::ALL
+            .into_iter()
+            .filter(|it| self.tests.iter().any(|name| name == it.name()))
+            .collect();
+        let study = MonteCarlo { laws: &laws, common, tests: &tests, progress };
         let mut flown = self.over_draws(&study)?;
         flown.document["loops"] = margins::document(&loops);
         if self.responses {
@@ -229,8 +240,9 @@ impl RobustnessArgs {
             flown.extend(plants);
         }
         let intro = format!(
-            "{} draws, each flown by every law as path, hover, chirp and doublet with the seed of the draw.",
-            self.runs
+            "{} draws, each flown by every law as {} with the seed of the draw.",
+            self.runs,
+            study.tests.iter().map(|test| test.name()).collect::<Vec<_>>().join(", ")
         );
         let title = "Monte-Carlo";
         // A reader of the page has not seen the terminal.

@@ -3,6 +3,7 @@
 use oqtal_observe::plot::unit::{MISSING, rounded};
 use serde_json::{Value, json};
 
+use crate::bootstrap::BootstrapInterval;
 use crate::text_table::{self, NamedRow};
 
 /// The origin of a row.
@@ -48,6 +49,8 @@ pub enum SheetCell {
     Spread(f64, f64),
     /// Mean and half the width of its confidence interval \[unit of the column\].
     Interval(f64, f64),
+    /// A number between the ends of its confidence interval \[unit of the column\].
+    Bounded(BootstrapInterval),
     /// A count.
     Count(u64),
     /// A text.
@@ -65,6 +68,9 @@ impl SheetCell {
             Self::Number(number) => json!(number),
             Self::Spread(mean, sd) => json!({ "mean": mean, "sd": sd }),
             Self::Interval(mean, half) => json!({ "mean": mean, "half_width": half }),
+            Self::Bounded(BootstrapInterval { value, low, high }) => {
+                json!({ "value": value, "low": low, "high": high })
+            }
             Self::Count(count) => json!(count),
             Self::Text(text) => json!(text),
             Self::Partial(cell) => cell.to_json(),
@@ -76,6 +82,7 @@ impl SheetCell {
     fn number(&self) -> f64 {
         match self {
             Self::Number(number) | Self::Spread(number, _) | Self::Interval(number, _) => *number,
+            Self::Bounded(interval) => interval.value,
             Self::Count(count) => *count as f64,
             Self::Partial(cell) => cell.number(),
             Self::Text(_) | Self::None => f64::NAN,
@@ -90,6 +97,12 @@ impl SheetCell {
             Self::Spread(mean, width) | Self::Interval(mean, width) => {
                 format!("{} ± {}", rounded(*mean, 4), rounded(*width, 2))
             }
+            Self::Bounded(BootstrapInterval { value, .. }) if !value.is_finite() => {
+                rounded(*value, 4)
+            }
+            Self::Bounded(BootstrapInterval { value, low, high }) => {
+                format!("{} ({} to {})", rounded(*value, 4), rounded(*low, 3), rounded(*high, 3))
+            }
             Self::Count(count) => count.to_string(),
             Self::Text(text) => text.clone(),
             Self::Partial(cell) => format!("{} *", cell.show()),
@@ -101,6 +114,12 @@ impl SheetCell {
 impl From<f64> for SheetCell {
     fn from(number: f64) -> Self {
         Self::Number(number)
+    }
+}
+
+impl From<BootstrapInterval> for SheetCell {
+    fn from(interval: BootstrapInterval) -> Self {
+        Self::Bounded(interval)
     }
 }
 

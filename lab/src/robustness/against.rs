@@ -1,12 +1,13 @@
 //! `oqtal-dt` against the best of the other laws, draw by draw.
 
-use oqtal_control::statistics::median;
+use oqtal_control::statistics::{mean, median};
 
+use crate::bootstrap::BootstrapInterval;
 use crate::sheet::Sheet;
 use crate::study::Flown;
 use crate::study::flights::Test;
 use crate::study::metric::{CHIRP, DOUBLET, HOVER};
-use crate::study::table::column;
+use crate::study::table::{column, not_flown};
 
 /// Law that is compared with all others.
 pub(super) const OURS: &str = "oqtal-dt";
@@ -41,7 +42,7 @@ pub fn table(flown: &[Flown]) -> Sheet {
     let rows: Vec<GroupComparison<'_>> = ours.into_iter().flat_map(of_groups).collect();
     let columns = [
         column("hover_p95_mm", "hover, 95 % point [mm]", |row: &GroupComparison<'_>| {
-            row.own.quantile(HOVER, 0.95)
+            row.own.quantile_interval(HOVER, 0.95)
         }),
         column("hover_ratio", "hover of the best other over its own, median", ratio(HOVER)),
         column("hover_worse_percent", "worse in hover [% of draws]", worse_percent(HOVER)),
@@ -56,19 +57,25 @@ pub fn table(flown: &[Flown]) -> Sheet {
     ];
     let title = "oqtal-dt against the best of the others";
     let names = |row: &GroupComparison<'_>| row.own.names_with(format!("against {}", row.group));
-    Sheet::tabulate(("against", title), &columns, &rows, names).with_note(NOTE)
+    Sheet::tabulate(("against", title), &columns, &rows, names)
+        .with_note(NOTE)
+        .without(&not_flown(flown, &columns))
 }
 
 /// Median over the draws of the best other figure over that of [`OURS`]; draws without a landing of either are left out.
-fn ratio(metric: usize) -> impl Fn(&GroupComparison<'_>) -> f64 {
-    move |row| median(row.pairs(metric).map(|[own, other]| other / own)).unwrap_or(f64::NAN)
+fn ratio(metric: usize) -> impl Fn(&GroupComparison<'_>) -> BootstrapInterval {
+    let middle = |ratios: &[f64]| median(ratios.iter().copied()).unwrap_or(f64::NAN);
+    move |row| {
+        let ratios = row.pairs(metric).map(|[own, other]| other / own);
+        BootstrapInterval::of(&ratios.collect::<Vec<_>>(), middle)
+    }
 }
 
 /// Percentage of draws in which the best other law is better \[%\].
-fn worse_percent(metric: usize) -> impl Fn(&GroupComparison<'_>) -> f64 {
+fn worse_percent(metric: usize) -> impl Fn(&GroupComparison<'_>) -> BootstrapInterval {
     move |row| {
-        let worse = row.pairs(metric).filter(|[own, other]| own > other).count();
-        1e2 * worse as f64 / row.own.runs.len() as f64
+        let worse = row.pairs(metric).map(|[own, other]| if own > other { 1e2 } else { 0.0 });
+        BootstrapInterval::of(&worse.collect::<Vec<_>>(), mean)
     }
 }
 

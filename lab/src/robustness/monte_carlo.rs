@@ -10,6 +10,7 @@ use super::tables;
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::sheet::Sheet;
+use crate::study::flights::Test;
 use crate::study::law::StudyLaw;
 use crate::study::{Flown, Study};
 
@@ -87,6 +88,8 @@ pub struct MonteCarlo<'a> {
     pub laws: &'a [StudyLaw],
     /// The settings of all laws.
     pub common: &'a [Setting],
+    /// The tests that are flown.
+    pub tests: &'a [Test],
     /// Progress bars in the terminal.
     pub progress: &'a Progress,
 }
@@ -97,7 +100,7 @@ impl MonteCarlo<'_> {
     /// # Errors
     /// A setting is invalid (exit code 78).
     pub fn fly(&self, name: &str, draws: &[Draw]) -> Result<(Value, Vec<Flown>), Failure> {
-        let cases = [Draw::case(name, draws)];
+        let cases = [Draw::case(name, draws).flown_as(self.tests)];
         let flown = Study { name: "draws", laws: self.laws, cases: &cases }.fly(self.progress)?;
         Ok((draws::document(&flown, draws, self.common), flown))
     }

@@ -1,6 +1,6 @@
 //! Spread of the plants: the keys of the configuration that vary from draw to draw, and how they vary.
 //!
-//! In TOML, each key of the configuration has one of the forms of [`Form`]:
+//! In TOML, each key of the configuration has one of the forms of [`super::form::Form`]:
 //!
 //! ```toml
 //! [plant]
@@ -19,22 +19,9 @@ use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
 use crate::random::SplitMix64;
-use crate::study::flights::{self, readable, value_at};
+use crate::study::flights::{self, value_at};
 
-/// Form of drawing a key's value; numbers are drawn uniformly within their bounds.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Form {
-    /// A number \[unit of the key\].
-    Between(f64, f64),
-    /// The configured value as a whole, times a random factor \[-\].
-    Factor(f64, f64),
-    /// Each element of the configured value, times a separate random factor \[-\].
-    EachFactor(f64, f64),
-    /// One randomly selected element of the configured value, times a random factor \[-\].
-    OneFactor(f64, f64),
-    /// One of these values.
-    Choose(Vec<Value>),
-}
+use super::form::Form;
 
 /// A key and its form of drawing.
 #[derive(Clone, Debug, PartialEq)]
@@ -92,36 +79,52 @@ const CHOSEN: [(&str, [&str; 2]); 3] = [
     ("plant.rotors.ground-effect", ["false", "true"]),
 ];
 
+/// An authority of its own for each axis.
+const AXES: (&str, Form) = ("plant.rate-authority-rad-s", Form::EachFactor(0.8, 1.2));
+
+/// Noise of the measured attitude from that of the best rooms to that of bad ones \[deg\]; the filters assume the configured one.
+const NOISE: (&str, Form) = ("mocap.attitude-noise-deg", Form::Between(0.05, 0.8));
+
 impl PlantSpread {
-    /// Built-in spread `vehicle` or `everything`, or the spread of a file.
+    /// Built-in spread, the spread of a file, or several of them joined by `+`: of a key that occurs twice, the later form.
     ///
     /// # Errors
     /// See [`read`](Self::read).
-    pub fn named(name: &str) -> Result<Self, Failure> {
-        match name {
-            "vehicle" => Ok(Self::vehicle()),
-            "everything" => Ok(Self::everything()),
-            file => Self::read(Path::new(file)),
+    pub fn named(names: &str) -> Result<Self, Failure> {
+        if names.contains('+') && Path::new(names).exists() {
+            return Self::read(Path::new(names));
         }
+        let mut joined = Self { keys: Vec::new() };
+        for name in names.split('+') {
+            let keys = match name {
+                "vehicle" => Self::vehicle().keys,
+                "axes" => vec![key(AXES)],
+                "noise" => vec![key(NOISE)],
+                "room" => vec![chosen("mocap.preset", &["room"])],
+                "rotors" => Self::rotors(),
+                "everything" => Self::everything().keys,
+                file => Self::read(Path::new(file))?.keys,
+            };
+            joined.keys.retain(|old| keys.iter().all(|new| new.key != old.key));
+            joined.keys.extend(keys);
+        }
+        Ok(joined)
     }
 
     /// Vehicles that differ from their model.
     pub fn vehicle() -> Self {
-        let key = |(key, form): (&str, Form)| SpreadKey { key: key.to_owned(), form };
         Self { keys: VEHICLE.map(key).to_vec() }
     }
 
     /// Vehicles that differ from their model, in an environment that differs too.
     pub fn everything() -> Self {
-        let drawn = ENVIRONMENT.map(|(key, form)| SpreadKey { key: key.to_owned(), form });
-        let chosen = CHOSEN.map(|(key, values)| {
-            let value = |text: &str| match text.parse() {
-                Ok(truth) => Value::Boolean(truth),
-                Err(_) => Value::from(text),
-            };
-            SpreadKey { key: key.to_owned(), form: Form::Choose(values.map(value).to_vec()) }
-        });
-        Self { keys: Self::vehicle().keys.into_iter().chain(drawn).chain(chosen).collect() }
+        Self { keys: Self::vehicle().keys.into_iter().chain(environment()).collect() }
+    }
+
+    /// Simulated rotors that differ as in [`Self::everything`].
+    fn rotors() -> Vec<SpreadKey> {
+        let of_rotors = environment().filter(|it| it.key.starts_with("plant.rotors."));
+        of_rotors.chain([chosen("plant.fidelity", &["rotors"])]).collect()
     }
 
     /// Reads a spread from a file.
@@ -217,6 +220,26 @@ impl PlantSpread {
     }
 }
 
+fn key((key, form): (&str, Form)) -> SpreadKey {
+    SpreadKey { key: key.to_owned(), form }
+}
+
+/// Key of which one of `values` is drawn.
+fn chosen(key: &str, values: &[&str]) -> SpreadKey {
+    let value = |text: &&str| match text.parse() {
+        Ok(truth) => Value::Boolean(truth),
+        Err(_) => Value::from(*text),
+    };
+    let form = Form::Choose(values.iter().map(value).collect());
+    SpreadKey { key: key.to_owned(), form }
+}
+
+/// Keys of body and environment.
+fn environment() -> impl Iterator<Item = SpreadKey> {
+    let drawn = ENVIRONMENT.map(key).into_iter();
+    drawn.chain(CHOSEN.map(|(key, values)| chosen(key, &values)))
+}
+
 /// Seed of the random numbers of a key in one draw: FNV-1a over key, seed and run.
 fn stream(key: &str, seed: u64, run: u64) -> u64 {
     let of_seed = fnv1a(fnv1a(FNV_OFFSET, key.as_bytes()), &seed.to_le_bytes());
@@ -258,48 +281,6 @@ fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
         _ => return Err(wrong("has none of the forms")),
     };
     Ok(SpreadKey { key, form })
-}
-
-impl Form {
-    /// Value drawn about `nominal`; `None` if `nominal` has another type.
-    fn value(&self, nominal: &Value, random: &mut SplitMix64) -> Option<Value> {
-        match self {
-            Self::Between(low, high) => Some(Value::from(readable(random.between(*low, *high)))),
-            Self::Factor(low, high) => scaled(nominal, random.between(*low, *high)),
-            Self::EachFactor(low, high) => {
-                let each = |value: &Value| scaled(value, random.between(*low, *high));
-                nominal.as_array()?.iter().map(each).collect::<Option<Vec<_>>>().map(Value::from)
-            }
-            Self::OneFactor(low, high) => {
-                let mut values = nominal.as_array()?.clone();
-                let (index, factor) = (random.below(values.len()), random.between(*low, *high));
-                let one = values.get_mut(index)?;
-                *one = scaled(one, factor)?;
-                Some(Value::from(values))
-            }
-            Self::Choose(values) => values.get(random.below(values.len())).cloned(),
-        }
-    }
-
-    /// The form in words.
-    pub fn words(&self) -> String {
-        let range = |low: &f64, high: &f64| format!("{} to {}", readable(*low), readable(*high));
-        match self {
-            Self::Between(low, high) => range(low, high),
-            Self::Factor(low, high) => format!("times {}", range(low, high)),
-            Self::EachFactor(low, high) => format!("each times {}", range(low, high)),
-            Self::OneFactor(low, high) => format!("one of them times {}", range(low, high)),
-            Self::Choose(values) => {
-                let values: Vec<String> = values.iter().map(ToString::to_string).collect();
-                format!("one of {}", values.join(", "))
-            }
-        }
-    }
-}
-
-/// `value` with every number multiplied by `factor`; `None` if it contains anything but numbers.
-fn scaled(value: &Value, factor: f64) -> Option<Value> {
-    flights::scaled(value, &|number| readable(number * factor))
 }
 
 #[cfg(test)]
@@ -344,6 +325,22 @@ mod tests {
             let intact = weak.iter().filter(|share| share.as_float() == Some(1.0)).count();
             assert!(intact >= 3, "{weak:?}");
         }
+    }
+
+    #[test]
+    fn joined_spreads_have_the_keys_of_all_and_the_later_form_of_a_key() {
+        let joined = PlantSpread::named("vehicle+axes+noise+room+rotors").unwrap();
+        let keys: Vec<&str> = joined.keys.iter().map(|it| &*it.key).collect();
+        let distinct: std::collections::BTreeSet<&str> = keys.iter().copied().collect();
+        assert_eq!(distinct.len(), keys.len());
+        let draw = joined.draw(&nominal(), (7, 0)).unwrap();
+        let config = Config::from_settings(&draw).unwrap();
+        let authority = config.plant.rate_authority_rad_s;
+        assert!(
+            authority[0] != authority[1] && (0.05..0.8).contains(&config.mocap.attitude_noise_deg)
+        );
+        assert_eq!(config.mocap.preset, "room");
+        assert!(PlantSpread::named("vehicle+nothing").is_err());
     }
 
     #[test]

@@ -11,8 +11,8 @@ use super::spread::{PlantSpread, SpreadKey};
 use crate::sheet::{Sheet, SheetCell, Variant};
 use crate::study::failure::{self, Changes, FailedFlights};
 use crate::study::flights::{Test, TestEnd};
-use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, METRICS, SETTLE};
-use crate::study::table::{StudyColumn, column};
+use crate::study::metric::{ATTITUDE, CHIRP, DOUBLET, HOVER, JITTER, METRIC, SETTLE};
+use crate::study::table::{StudyColumn, column, not_flown};
 use crate::study::{Flown, Run};
 
 /// Note of the headline with one law besides `oqtal-dt`, with one that has several sets of gains, and with several laws.
@@ -75,6 +75,7 @@ fn headline(flown: &[Flown]) -> Sheet {
         names,
     )
     .with_note(note)
+    .without(&not_flown(flown, &columns))
 }
 
 /// Failed flights of the draws.
@@ -115,9 +116,9 @@ pub fn failed<'a>(
 /// One row for each law.
 fn summary(flown: &[Flown]) -> Sheet {
     let median = |metric: usize| move |law: &Flown| law.median(metric);
-    let p95 = |metric: usize| move |law: &Flown| law.quantile(metric, 0.95);
+    let p95 = |metric: usize| move |law: &Flown| law.quantile_interval(metric, 0.95);
     let columns = [
-        column("as_planned_percent", "all four as planned [%]", |law: &Flown| {
+        column("as_planned_percent", "all as planned [%]", |law: &Flown| {
             law.percent(Run::all_as_planned)
         }),
         column("hover_median_mm", "hover, median [mm]", median(HOVER)),
@@ -132,26 +133,29 @@ fn summary(flown: &[Flown]) -> Sheet {
     ];
     Sheet::tabulate(("summary", "The laws over the draws"), &columns, flown, Flown::names)
         .with_note(SUMMARY_NOTE)
+        .without(&not_flown(flown, &columns))
 }
 
 const SUMMARY_NOTE: &str = "A flight that did not land as planned, for example because the fence held it for a time, counts as \
      worse than any that did; a value is missing where the median or quantile is such a flight. The 95 % point is the least value that 95 % of the draws do \
-     not exceed. Jitter is the activity of the command.";
+     not exceed. Beside each 95 % point is its 95 % confidence interval, by the bootstrap over the draws. Jitter is the activity of the command.";
 
 fn as_planned(flown: &[Flown]) -> Sheet {
     let one = |test: Test| move |law: &Flown| law.percent(|run| run.is_as_planned(test));
     let columns = [
-        column("all", "all four [%]", |law: &Flown| law.percent(Run::all_as_planned)),
+        column("all", "all [%]", |law: &Flown| law.percent(Run::all_as_planned)),
         column("path", "path [%]", one(Test::Path)),
         column("hover", "hover [%]", one(Test::Hover)),
         column("chirp", "chirp [%]", one(Test::Chirp)),
         column("doublet", "doublet [%]", one(Test::Doublet)),
-        column("landed", "all four landed, held by the fence or not [%]", |law: &Flown| {
+        column("landed", "all landed, held by the fence or not [%]", |law: &Flown| {
             law.percent(Run::all_landed)
         }),
     ];
     let title = "Share of the draws in which the flights landed as planned";
-    Sheet::tabulate(("as_planned", title), &columns, flown, Flown::names).as_detail()
+    Sheet::tabulate(("as_planned", title), &columns, flown, Flown::names)
+        .as_detail()
+        .without(&not_flown(flown, &columns))
 }
 
 fn distributions(flown: &[Flown]) -> Sheet {
@@ -172,8 +176,10 @@ fn distributions(flown: &[Flown]) -> Sheet {
             |(metric, law): &Row| 1e2 * worse_than_the_best_other(flown, *law, *metric),
         ),
     ];
+    let is_flown = |test: &Test| flown.iter().any(|law| law.has_flown(*test));
+    let metrics = Test::ALL.into_iter().filter(is_flown).flat_map(Test::figures);
     let rows: Vec<Row> =
-        (0..METRICS).flat_map(|metric| (0..flown.len()).map(move |law| (metric, law))).collect();
+        metrics.flat_map(|metric| (0..flown.len()).map(move |law| (metric, law))).collect();
     let names = |(metric, law): &Row| flown[*law].names_with(METRIC[*metric].title);
     Sheet::tabulate(("distributions", "Figures over the draws"), &columns, &rows, names)
         .with_note(DISTRIBUTIONS_NOTE)

@@ -2,10 +2,12 @@
 
 use std::fmt;
 
-use oqtal_control::statistics::{mean, standard_deviation};
+use oqtal_control::statistics::{mean, quantile, standard_deviation};
 
 use super::Flown;
+use super::flights::Test;
 use super::metric::{Figures, VELOCITY};
+use crate::bootstrap::BootstrapInterval;
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// A column over rows `R`.
@@ -69,6 +71,22 @@ pub fn set_point_note(rows: &[Flown]) -> &'static str {
     if rows.iter().filter(has_errors).any(predicts) { SET_POINTS } else { "" }
 }
 
+/// Beginnings of the keys of the columns of each test.
+const TESTS: [(Test, &[&str]); 4] = [
+    (Test::Path, &["settle", "attitude", "path", "position", "velocity", "overshoot"]),
+    (Test::Hover, &["hover", "jitter"]),
+    (Test::Chirp, &["chirp"]),
+    (Test::Doublet, &["doublet"]),
+];
+
+/// Keys of the columns of tests that were not flown.
+pub fn not_flown<R>(flown: &[Flown], columns: &[StudyColumn<'_, R>]) -> Vec<&'static str> {
+    let missing = TESTS.iter().filter(|(test, _)| !flown.iter().any(|law| law.has_flown(*test)));
+    let beginnings: Vec<&str> = missing.flat_map(|(_, keys)| keys.iter().copied()).collect();
+    let keys = columns.iter().map(|column| column.column.0);
+    keys.filter(|key| beginnings.iter().any(|beginning| key.starts_with(beginning))).collect()
+}
+
 /// Names of a row of a sheet: law, origin, settings.
 pub type RowNames = (String, Variant, String);
 
@@ -80,6 +98,17 @@ impl Flown {
             values if values.len() > 1 && means[metric].is_finite() => standard_deviation(&values),
             _ => f64::NAN,
         })
+    }
+
+    /// The quantile of [`Self::quantile`] with its confidence interval.
+    pub fn quantile_interval(&self, metric: usize, share: f64) -> BootstrapInterval {
+        let figure = |values: &[f64]| quantile(values.iter().copied(), share).unwrap_or(f64::NAN);
+        BootstrapInterval::of(&self.values(metric), figure)
+    }
+
+    /// Whether a flight of the test was flown in every run.
+    pub fn has_flown(&self, test: Test) -> bool {
+        self.runs.iter().all(|run| run.ends.iter().any(|end| end.test == test))
     }
 
     /// Names of the row of a sheet: the law with the remark on its gains.
