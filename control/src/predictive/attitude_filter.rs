@@ -30,7 +30,7 @@ impl AttitudeFilter {
     pub fn new(options: &FilterOptions) -> Self {
         let walks = [options.rate_walk_rad_s, options.demand_bias_walk];
         let noise = options.attitude_noise_deg.to_radians();
-        Self { axis: AxisFilter::new(noise, INITIAL, walks, BIAS_LIMIT) }
+        Self { axis: AxisFilter::new(noise, INITIAL, walks, Vector3::repeat(BIAS_LIMIT)) }
     }
 
     /// Transition of the error over `dt_s` \[s\].

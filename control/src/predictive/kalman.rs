@@ -64,8 +64,8 @@ pub struct AxisFilter {
     noise: f64,
     /// Walk of the second and of the third state \[unit of the state per root second\].
     walks: [f64; 2],
-    /// Limit of each component of the bias \[unit of the third state\].
-    bias_limit: f64,
+    /// Limits of the components of the bias \[unit of the third state\].
+    bias_limit: Vector3<f64>,
     covariance: Covariance,
     bias: Vector3<f64>,
 }
@@ -73,7 +73,7 @@ pub struct AxisFilter {
 impl AxisFilter {
     /// A filter with zero bias, of measurements with the standard deviation `noise`, whose other states have the standard deviations
     /// `initial` and the walks `walks` \[units of the states\].
-    pub fn new(noise: f64, initial: [f64; 2], walks: [f64; 2], bias_limit: f64) -> Self {
+    pub fn new(noise: f64, initial: [f64; 2], walks: [f64; 2], bias_limit: Vector3<f64>) -> Self {
         let covariance = Covariance::of([noise, initial[0], initial[1]]);
         Self { noise, walks, bias_limit, covariance, bias: Vector3::zeros() }
     }
@@ -144,8 +144,8 @@ impl AxisFilter {
 
     /// Adds to the bias, within its limit \[unit of the third state\].
     pub fn shift_bias(&mut self, shift: &Vector3<f64>) {
-        let limit = self.bias_limit;
-        self.bias = (self.bias + shift).map(|bias| bias.clamp(-limit, limit));
+        let limited = |bias: f64, limit: f64| bias.clamp(-limit, limit);
+        self.bias = (self.bias + shift).zip_map(&self.bias_limit, limited);
     }
 
     /// Sets the bias to zero.

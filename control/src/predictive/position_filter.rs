@@ -17,8 +17,8 @@ pub struct PositionFilter {
 }
 
 impl PositionFilter {
-    /// A filter with zero external acceleration, each component of which is limited to `limit` \[m/s^2\].
-    pub fn new(options: &FilterOptions, limit: f64) -> Self {
+    /// A filter with zero external acceleration, which is limited to `limit` along each axis \[m/s^2, world\].
+    pub fn new(options: &FilterOptions, limit: Vector3<f64>) -> Self {
         let walks = [options.velocity_walk_m_s, options.acceleration_walk_m_s2];
         Self { axis: AxisFilter::new(options.position_noise_mm * 1e-3, INITIAL, walks, limit) }
     }

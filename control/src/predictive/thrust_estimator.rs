@@ -63,7 +63,7 @@ impl ThrustEstimator {
         Self {
             model: *model,
             estimate: ParameterEstimate::new(nominal, deviation),
-            filter: PositionFilter::new(options, ACCELERATION_LIMIT),
+            filter: PositionFilter::new(options, Vector3::repeat(ACCELERATION_LIMIT)),
             motion,
             sensitivity: Matrix4x2::zeros(),
         }

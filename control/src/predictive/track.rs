@@ -40,10 +40,11 @@ const UNEXPECTED_SIGMA: f64 = 20.0;
 /// Standard deviation of the part of a predicted change of the rate that comes late, over the whole change \[-\].
 const LATE_SHARE: f64 = 0.5;
 
-/// Limit of each component of the external acceleration \[m/s^2\]: for admission, wind of half the weight, or half of the thrust
-/// missing; for a law that subtracts it from its command.
-const ADMISSION_LIMIT: f64 = 8.0;
-const ESTIMATION_LIMIT: f64 = 3.0;
+/// Limits of the external acceleration \[m/s^2, world\]: for admission, wind of eight tenths of the weight, or that share of the thrust
+/// missing; for a law that subtracts it from its command, less vertically, since most lasting vertical forces are a wrong thrust. With
+/// the wider limit there, thrust that was a third too strong and late by a hidden 50 ms oscillated until the flight was ended.
+const ADMISSION_LIMIT: Vector3<f64> = Vector3::new(8.0, 8.0, 8.0);
+const ESTIMATION_LIMIT: Vector3<f64> = Vector3::new(8.0, 8.0, 3.0);
 
 /// A pose as measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,7 +122,7 @@ struct Filters {
 }
 
 impl Filters {
-    fn new(noise: &FilterOptions, limit: f64) -> Self {
+    fn new(noise: &FilterOptions, limit: Vector3<f64>) -> Self {
         Self { attitude: AttitudeFilter::new(noise), position: PositionFilter::new(noise, limit) }
     }
 

@@ -11,7 +11,7 @@ use super::noise::Noise;
 use super::*;
 
 /// Limit of the external acceleration \[m/s^2\].
-const BIAS_LIMIT: f64 = 3.0;
+const BIAS_LIMIT: Vector3<f64> = Vector3::new(3.0, 3.0, 3.0);
 
 /// Options with walks so small that no bias reaches its limit in a test.
 fn options() -> FilterOptions {
