@@ -4,6 +4,7 @@
 mod cameras;
 mod external;
 mod far_steps;
+mod fast;
 mod fence;
 mod heading;
 mod identify;
