@@ -271,21 +271,29 @@ fn anchor(settings: &[&str], seeds: u64) -> ([f64; 2], bool) {
     (figures, all.iter().all(|flight| flight.is_as_planned))
 }
 
+/// A circle of 3 m at 3.8 m/s.
+const CIRCLE: [&str; 4] = [
+    "trajectory.kind=circle",
+    "trajectory.circle.radius-m=3.0",
+    "trajectory.circle.period-s=4.9604",
+    "fence.x-m=[-9.0, 9.0]",
+];
+
+/// A Crazyflie in a room, on a circle at 1 m/s.
+const CRAZYFLIE: [&str; 5] = [
+    "vehicle.preset=crazyflie-2.1",
+    "mocap.preset=room",
+    "trajectory.kind=circle",
+    "trajectory.circle.radius-m=0.65",
+    "trajectory.circle.period-s=4.084",
+];
+
 #[test]
 fn fast_flights_of_the_literature_stay_within_their_figures() {
     let seeds = std::env::var("OQTAL_TEST_FAST_SEEDS").map_or(3, |text| text.parse().unwrap());
     let wind = wind(8.5);
     let cases: [(&str, f64, &[&str]); 3] = [
-        (
-            "circle of 3 m at 3.8 m/s",
-            20.0,
-            &[
-                "trajectory.kind=circle",
-                "trajectory.circle.radius-m=3.0",
-                "trajectory.circle.period-s=4.9604",
-                "fence.x-m=[-9.0, 9.0]",
-            ],
-        ),
+        ("circle of 3 m at 3.8 m/s", 20.0, &CIRCLE),
         (
             "figure of eight in a wind of 8.5 m/s, with rotors",
             58.0,
@@ -301,17 +309,7 @@ fn fast_flights_of_the_literature_stay_within_their_figures() {
                 &wind,
             ],
         ),
-        (
-            "Crazyflie in the preset `room`, circle at 1 m/s",
-            10.0,
-            &[
-                "vehicle.preset=crazyflie-2.1",
-                "mocap.preset=room",
-                "trajectory.kind=circle",
-                "trajectory.circle.radius-m=0.65",
-                "trajectory.circle.period-s=4.084",
-            ],
-        ),
+        ("Crazyflie in the preset `room`, circle at 1 m/s", 10.0, &CRAZYFLIE),
     ];
     for (name, limit_mm, settings) in cases {
         let (figures, are_as_planned) = anchor(settings, seeds);
