@@ -12,7 +12,7 @@ const LONGEST_S: f64 = 0.15;
 /// The same for a vehicle that reports often: after a gap of 0.14 s in 50 reports a second, the mean of the two reports beside it was 0.03 rad
 /// off in a hover that oscillated with 4 Hz.
 const LONGEST_OF_FREQUENT_S: f64 = 0.07;
-/// Number of usual intervals up to which a longer one is no gap \[-\].
+/// Number of usual intervals up to which a longer one is not a gap \[-\].
 const USUAL_INTERVALS: f64 = 3.0;
 /// Weight of an interval in the usual one \[-\].
 const INTERVAL_WEIGHT: f64 = 0.1;
@@ -65,7 +65,7 @@ impl VehicleRates {
         self.next = (self.next + 1) % KEPT;
     }
 
-    /// Greatest time between two reports that is no gap \[s\].
+    /// Greatest time between two reports that is not a gap \[s\].
     fn longest_s(&self) -> f64 {
         (USUAL_INTERVALS * self.usual_s).clamp(LONGEST_OF_FREQUENT_S, LONGEST_S)
     }
