@@ -66,13 +66,7 @@ impl CtlArgs {
         }
         let named = config.as_ref().filter(|_| !self.common.config.is_empty());
         let expected = named.map(Config::hash);
-        let bus = match self.command {
-            CtlRequest::Land => None,
-            _ => {
-                address.paths.become_owner()?;
-                Some(running_bus(&address.paths)?)
-            }
-        };
+        let bus = self.bus(&address)?;
         let (status, (response, roots)) = match &bus {
             None => (InstanceStatus::default(), land::land(&address, request)?),
             Some(bus) => {
@@ -102,6 +96,15 @@ impl CtlArgs {
             print(&report.to_text(&lines))?;
         }
         Ok(Exit::Ok)
+    }
+
+    /// The bus of the running instance; `None` for a landing, which finds the daemon by itself.
+    fn bus(&self, address: &AddressedInstance) -> Result<Option<Bus>, Failure> {
+        if let CtlRequest::Land = self.command {
+            return Ok(None);
+        }
+        address.paths.become_owner()?;
+        running_bus(&address.paths).map(Some)
     }
 
     /// Lines below the answer: of `status` the observers, the faults that the configuration of the daemon injects, and other instances of

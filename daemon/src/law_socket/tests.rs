@@ -11,6 +11,20 @@ fn answers(law: &OwnedFd, sequence: u64) {
     send(law, &packet, SendFlags::empty()).unwrap();
 }
 
+fn ask(law: &mut SocketLaw, sequence: u64, budget_ms: i64) -> Option<ExternalV1> {
+    let answer_by = Time::now() + Span::from_millis(budget_ms);
+    law.answer(&StateV1 { sequence, answer_by, ..StateV1::default() })
+}
+
+/// Waits for the question 5 and answers it twice.
+fn answer_twice(law: &OwnedFd) {
+    let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
+    let (_, length) = recv(law, &mut bytes, RecvFlags::empty()).unwrap();
+    assert_eq!((length, &bytes[..16]), (bytes.len(), &b"OQTALST1\x05\0\0\0\0\0\0\0"[..]));
+    answers(law, 5);
+    answers(law, 5);
+}
+
 #[test]
 fn a_law_answers_this_question_and_a_second_law_is_refused() {
     let directory = tempfile::tempdir().unwrap();
@@ -22,21 +36,10 @@ fn a_law_answers_this_question_and_a_second_law_is_refused() {
     listener.poll();
     listener.poll();
     let mut law = SocketLaw::new(receiver, StopFlag::default());
-    let ask = |law: &mut SocketLaw, sequence, budget_ms| {
-        let answer_by = Time::now() + Span::from_millis(budget_ms);
-        law.answer(&StateV1 { sequence, answer_by, ..StateV1::default() })
-    };
     // Late; after the question the right one, twice.
     answers(&first, 4);
     let answer = std::thread::scope(|threads| {
-        threads.spawn(|| {
-            let mut bytes = [0; QUESTION.len() + StateV1::SIZE];
-            let (_, length) = recv(&first, &mut bytes, RecvFlags::empty()).unwrap();
-            let begin = (length, &bytes[..16]);
-            assert_eq!(begin, (bytes.len(), &b"OQTALST1\x05\0\0\0\0\0\0\0"[..]));
-            answers(&first, 5);
-            answers(&first, 5);
-        });
+        threads.spawn(|| answer_twice(&first));
         ask(&mut law, 5, 60_000).unwrap()
     });
     assert_eq!((answer.sequence, answer.thrust), (5, 4.9));
