@@ -11,8 +11,7 @@ impl<I: InputForm> Controller<I> {
             (Self::Oqtal(law), Self::Oqtal(old)) => law.adopt(old),
             (Self::Geometric(law), Self::Geometric(old)) => law.adopt(old),
             // Another law, or one without integral action.
-            (Self::Pid(_) | Self::Lqr(_) | Self::Oqtal(_) | Self::Geometric(_), _)
-            | (Self::OqtalDt(_) | Self::Px4(_) | Self::Indi(_) | Self::Mpc(_), _) => {}
+            _ => {}
         }
     }
 }
