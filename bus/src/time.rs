@@ -56,6 +56,11 @@ impl Time {
         self.0
     }
 
+    /// The instant in the unit of filters and fits \[s since the clock's origin\]: a century is resolved to a microsecond.
+    pub fn seconds(self) -> f64 {
+        self.since(Self::UNSET).seconds()
+    }
+
     /// Reads `CLOCK_BOOTTIME` (through the vDSO, no system call).
     pub fn now() -> Self {
         Self::of_clock(ClockId::Boottime)

@@ -40,7 +40,6 @@ use oqtal_config::Config;
 use oqtal_control::predictive::{MeasuredPose, MotionTracker};
 
 use crate::floor::{AIRBORNE_M, LANDED_M};
-use crate::guard::seconds;
 use crate::measured_noise::PoseDeviations;
 use commanded::CommandedRotation;
 use direction::DirectionTest;
@@ -168,7 +167,7 @@ impl PoseConsistency {
 
     /// Offset of the heading reference at `now`, which shows whether poses follow the vehicle \[rad\].
     pub fn heading_offset_rad(&self, now: Time) -> f64 {
-        self.heading.offset_rad(seconds(now))
+        self.heading.offset_rad(now.seconds())
     }
 
     /// Whether the poses of this flight do not follow the vehicle.

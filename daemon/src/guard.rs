@@ -90,7 +90,7 @@ impl Guard {
     /// Begins a flight at the last accepted pose, on the floor below it.
     pub fn begin_flight(&mut self, tracker: &mut MotionTracker) {
         if let Some(last) = self.last {
-            tracker.begin(seconds(last.captured_at), &last.pose(), last.position.z);
+            tracker.begin(last.captured_at.seconds(), &last.pose(), last.position.z);
             self.gate.restart(tracker);
         }
     }
@@ -121,7 +121,7 @@ impl Guard {
         flying: bool,
     ) -> Result<Accepted, Cause> {
         let checked = self.check_message(now, arrival, flying).and_then(|accepted| {
-            self.gate.check(tracker, seconds(accepted.captured_at), &accepted.pose())?;
+            self.gate.check(tracker, accepted.captured_at.seconds(), &accepted.pose())?;
             if tracker.track().is_none() {
                 self.check_motion(&accepted)?;
             }
@@ -262,11 +262,6 @@ impl Guard {
         }
         Ok(())
     }
-}
-
-/// An instant in the unit of the filters \[s since the clock's origin\]: a century is resolved to a microsecond.
-pub(crate) fn seconds(time: Time) -> f64 {
-    time.since(Time::UNSET).seconds()
 }
 
 #[cfg(test)]

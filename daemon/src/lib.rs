@@ -51,7 +51,7 @@
 //! | `condition.rs` | the condition of the loop, for logs and health |
 //! | `warnings.rs` | warnings before a flight |
 //! | `waypoint_file.rs` | the trajectory of a configuration |
-//! | `timed_job.rs` | a job that may block for ever, in a thread of its own |
+//! | `timed_job.rs` | a job that may never end, in a thread of its own |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
 #![forbid(unsafe_code)]

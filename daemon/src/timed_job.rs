@@ -1,4 +1,4 @@
-//! A job that may block for ever, such as reading a file of another machine or of the kernel, in a thread of its own.
+//! A job that may never end, such as reading a file of another machine or of the kernel, in a thread of its own.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;

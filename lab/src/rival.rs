@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::message::{ExternalV1, StateV1};
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Span;
 use oqtal_config::Config;
 use oqtal_control::predictive::{Bias, ModelInput};
 use oqtal_daemon::{ExternalLaw, QuestionView};
@@ -138,7 +138,7 @@ impl RivalLaw {
 
     fn commanded(&mut self, view: &QuestionView) -> Option<ModelInput> {
         let QuestionView { now, ahead, tracker, .. } = *view;
-        let now_s = seconds(now);
+        let now_s = now.seconds();
         // Adapted gains turn a command into the rate that the model follows.
         let gain = tracker.effect().gain;
         let greatest_rate = self.greatest_rate.component_mul(&gain);
@@ -188,9 +188,4 @@ impl ExternalLaw for RivalLaw {
             ..ExternalV1::default()
         })
     }
-}
-
-/// `time` in the time base of the tracker \[s\].
-fn seconds(time: Time) -> f64 {
-    time.since(Time::UNSET).seconds()
 }

@@ -3,7 +3,6 @@
 use numpy::{PyArray1, PyArrayMethods};
 use oqtal_bus::code::HandoverCause;
 use oqtal_bus::message::{ExternalV1, Message, StateV1};
-use oqtal_bus::time::Time;
 use oqtal_daemon::{ExternalLaw, without_answer};
 use pyo3::prelude::*;
 
@@ -36,7 +35,7 @@ impl PythonLaw {
         state.encode(&mut bytes);
         let numbers = bytes[NUMBERS_AT..].as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b));
         let numbers = PyArray1::from_iter(py, numbers);
-        let time_s = state.time.since(Time::UNSET).seconds();
+        let time_s = state.time.seconds();
         let question = (numbers, state.flown != 0, time_s);
         let answer = self.object.call_method1(py, "answer", question)?;
         let answer = answer.bind(py).cast::<PyArray1<f64>>()?.readonly();

@@ -12,7 +12,6 @@ use oqtal_control::trajectory::Reference;
 use super::intake::Intake;
 use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
-use crate::guard::seconds;
 use crate::handover::Handover;
 use crate::stack::{ControlOutput, ControlStack, LawInput};
 
@@ -139,7 +138,7 @@ impl FlightControl {
     ) -> Option<ControlOutput> {
         let Directive::Fly { reference, .. } = directive else { return None };
         let output = self.stack.compute(&LawInput {
-            now_s: seconds(tick.now),
+            now_s: tick.now.seconds(),
             dt_s: tick.dt_s,
             estimate: intake.motion(tick.now, tick.is_fresh)?,
             tracker: intake.tracker(),
@@ -177,7 +176,7 @@ impl FlightControl {
             (Directive::Idle, _) => VehicleCommand::idle(self.interface, heading()),
             (Directive::Descend, _) => {
                 let tracker = intake.tracker();
-                let track = tracker.predict_coarsely(seconds(now));
+                let track = tracker.predict_coarsely(now.seconds());
                 let lift = track.map_or(0.0, |track| track.bias().acceleration.z);
                 let thrust_n = self.descent.thrust_n(tracker.model().mass_kg, lift);
                 VehicleCommand::level(self.interface, heading(), thrust_n)

@@ -14,7 +14,6 @@ use super::course::FlightCourse;
 use super::intake::Intake;
 use crate::command::VehicleCommand;
 use crate::external::{ExternalControl, ExternalLaw};
-use crate::guard::seconds;
 use crate::law_guard::{GuardReport, GuardedTick, LawGuard, LiveGuard};
 use crate::question::QuestionView;
 use crate::stack::{ControlOutput, ControlStack, LawInput};
@@ -147,7 +146,7 @@ impl GuardedControl {
     ) -> ControlOutput {
         let LawTick { tick, intake, directive, last, is_free, .. } = *law_tick;
         let tracker = intake.tracker();
-        let now_s = seconds(tick.now);
+        let now_s = tick.now.seconds();
         let (Directive::Fly { reference, .. }, Some(ahead)) =
             (directive, tracker.motion_at(now_s + tracker.effect_delay_s()))
         else {

@@ -16,7 +16,7 @@ use crate::command::VehicleCommand;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::consistency::{Expectation, PoseConsistency};
 use crate::floor::AIRBORNE_M;
-use crate::guard::{Accepted, Guard, seconds};
+use crate::guard::{Accepted, Guard};
 use crate::measured_noise::MeasuredNoise;
 use crate::vehicle::VehicleWatch;
 
@@ -120,7 +120,7 @@ impl Intake {
         }
         match self.guard.check(&mut self.tracker, now, arrival, flying) {
             Ok(accepted) => {
-                let captured_s = seconds(accepted.captured_at);
+                let captured_s = accepted.captured_at.seconds();
                 let estimate =
                     self.estimator.update(captured_s, accepted.position, accepted.attitude);
                 if self.tracker.track().is_none() {
@@ -148,13 +148,13 @@ impl Intake {
     pub(super) fn receive_vehicle(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
         self.vehicle.receive(now, header.source, vehicle);
         if vehicle.body_rate_at.is_set() {
-            self.consistency.receive_rate(seconds(vehicle.body_rate_at), vehicle.body_rate.into());
+            self.consistency.receive_rate(vehicle.body_rate_at.seconds(), vehicle.body_rate.into());
         }
         let follows = self.vehicle.follows(header.sequence);
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
             let remaining = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);
-            let acts_s = seconds(applied_at + remaining);
+            let acts_s = (applied_at + remaining).seconds();
             let sequence = vehicle.command_sequence;
             self.tracker.applied(CommandReport { sequence, acts_s, follows });
         }
@@ -162,7 +162,7 @@ impl Intake {
 
     /// Measures the noise of an accepted pose, and checks that it follows the vehicle.
     fn check_consistency(&mut self, now: Time, accepted: &Accepted) {
-        let (captured_s, pose) = (seconds(accepted.captured_at), accepted.pose());
+        let (captured_s, pose) = (accepted.captured_at.seconds(), accepted.pose());
         let noise = self.noise.deviations();
         let obeys = !(self.is_landing || self.vehicle.link_quality() < LEAST_LINK);
         let is_away = self.reference.is_some_and(|reference| {
@@ -209,7 +209,7 @@ impl Intake {
 
     /// Records the command published at `sent_at`.
     pub(super) fn sent(&mut self, sequence: u64, sent_at: Time, command: &VehicleCommand) {
-        self.tracker.sent(sequence, seconds(sent_at), self.commands.input(command));
+        self.tracker.sent(sequence, sent_at.seconds(), self.commands.input(command));
     }
 
     /// Begins a tick at `now`; returns the header of the newest pose, if it was accepted. `arrived`: whether a pose arrived in this tick.
@@ -223,7 +223,7 @@ impl Intake {
         self.tracker.expect_reports();
         if self.poses_missing(now) {
             self.guard.missed();
-            let now_s = seconds(now);
+            let now_s = now.seconds();
             self.guard.propagate(
                 &mut self.tracker,
                 now_s - OLD_TRACK_S,
@@ -283,7 +283,7 @@ impl Intake {
         if now.since(fresh_at) > self.predict {
             return None;
         }
-        let t_s = seconds(last.captured_at + now.since(fresh_at));
+        let t_s = (last.captured_at + now.since(fresh_at)).seconds();
         self.tracker.predict(t_s).map(|track| track.estimate())
     }
 

@@ -10,7 +10,7 @@ use super::requests::Requests;
 use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
 use crate::fence::Fence;
-use crate::guard::{Accepted, seconds};
+use crate::guard::Accepted;
 use crate::limits::{FlightLimits, FlightView, LimitConditions, LoopLimits};
 use crate::loop_health::{LoopHealth, TickFrames};
 use crate::supervisor::{SafetyConditions, Supervisor};
@@ -237,7 +237,7 @@ impl SafetyMonitor {
         // A Stop of the next tick, whose command is late by a period, takes effect then.
         let acts_at = tick.now + self.period.scaled(2.0);
         let tracker = intake.tracker();
-        let motion = tracker.predict_coarsely(seconds(acts_at) + tracker.delay_s());
+        let motion = tracker.predict_coarsely(acts_at.seconds() + tracker.delay_s());
         let (Some(mission), Some(reference), Some(motion)) =
             (course.mission(), &course.setpoint().reference, &motion)
         else {
@@ -262,6 +262,6 @@ impl SafetyMonitor {
 /// Whether the predicted motion has reached the floor.
 fn is_down(now: Time, intake: &Intake) -> bool {
     let tracker = intake.tracker();
-    let track = tracker.predict_coarsely(seconds(now));
+    let track = tracker.predict_coarsely(now.seconds());
     track.is_some_and(|track| track.is_at_floor(tracker.floor_m()))
 }

@@ -75,7 +75,7 @@ pub fn study(config: Config) -> Result<Vec<StampFigures>, Failure> {
         );
         return Err(Failure::new(Exit::Flight, reason));
     }
-    let stamps = |of: fn(&FlightSample) -> Time| poses.iter().map(|s| seconds(of(s))).collect();
+    let stamps = |of: fn(&FlightSample) -> Time| poses.iter().map(|s| of(s).seconds()).collect();
     let exact: Vec<f64> = stamps(|sample| sample.telemetry.pose_captured_at);
     let arrival: Vec<f64> = stamps(|sample| sample.telemetry.pose_published_at);
     let kinds = [("exact", exact), ("arrival", arrival), ("estimated", estimated(&poses))];
@@ -106,7 +106,7 @@ fn estimated(poses: &[FlightSample]) -> Vec<f64> {
         position: sample.telemetry.pose_position.into(),
         attitude: Attitude::from_xyzw(sample.telemetry.pose_attitude).unwrap_or_default(),
     });
-    let first_s = poses.first().map_or(0.0, |s| seconds(s.telemetry.pose_published_at));
+    let first_s = poses.first().map_or(0.0, |s| s.telemetry.pose_published_at.seconds());
     Recording::from_poses(recorded.collect()).map_or_else(Vec::new, |recording| {
         Captures::of(&recording).captured_s.iter().map(|captured_s| captured_s + first_s).collect()
     })
@@ -145,7 +145,7 @@ fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> Stam
         }
         tracker.sent(
             sample.telemetry.command_sequence,
-            seconds(sample.telemetry.time),
+            sample.telemetry.time.seconds(),
             input(config, sample),
         );
     }
@@ -212,17 +212,13 @@ fn input(config: &Config, sample: &FlightSample) -> ModelInput {
 
 /// True velocity \[m/s, world\] and rate \[rad/s, body\] at `t_s`, interpolated between two ticks.
 fn truth_at(samples: &[FlightSample], t_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
-    let after = samples.partition_point(|sample| seconds(sample.telemetry.time) < t_s);
+    let after = samples.partition_point(|sample| sample.telemetry.time.seconds() < t_s);
     let (from, to) = (samples.get(after.checked_sub(1)?)?, samples.get(after)?);
     let (a, b) = (from.truth?, to.truth?);
     let step_s = to.telemetry.time.since(from.telemetry.time).seconds();
-    let share = (t_s - seconds(from.telemetry.time)) / step_s;
+    let share = (t_s - from.telemetry.time.seconds()) / step_s;
     let between = |a: [f64; 3], b: [f64; 3]| Vector3::from(a).lerp(&Vector3::from(b), share);
     Some((between(a.velocity, b.velocity), between(a.rate, b.rate)))
-}
-
-fn seconds(time: Time) -> f64 {
-    time.nanos() as f64 * 1e-9
 }
 
 /// The figures as a table in Markdown.

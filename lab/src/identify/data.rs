@@ -98,7 +98,7 @@ pub fn series(flights: &[FlightData]) -> Vec<usize> {
 /// Instants of the longest of the flights in a recording \[s\]: the end of the flight before it, and its first and last tick with motors
 /// on; the first two are before every pose if the recording begins in it.
 fn longest_flight(flight: &Flight) -> [f64; 3] {
-    let at_s = |sample: &FlightSample| seconds(sample.telemetry.time);
+    let at_s = |sample: &FlightSample| sample.telemetry.time.seconds();
     let ends_s = |ticks: &[FlightSample]| [at_s(&ticks[0]), at_s(&ticks[ticks.len() - 1])];
     let flights: Vec<_> = flight.flights().collect();
     let longest = (0..flights.len()).max_by_key(|index| flights[*index].len());
@@ -145,7 +145,7 @@ fn pose_record(
     let position = Vector3::from(position);
     let latency_s = published.since(captured).seconds();
     let is_finite = position.iter().all(|number| number.is_finite());
-    is_finite.then(|| PoseRecord { captured_s: seconds(captured), latency_s, position, attitude })
+    is_finite.then(|| PoseRecord { captured_s: captured.seconds(), latency_s, position, attitude })
 }
 
 /// The attitudes that the trajectory prescribes.
@@ -161,7 +161,7 @@ fn prescribed(flight: &Flight) -> Vec<(f64, Vector3<f64>)> {
         let tilt = reference.map_or_else(Vector3::zeros, |reference| {
             Attitude::LEVEL.rotation_to(&reference.attitude)
         });
-        (seconds(telemetry.time), tilt.xy().push(telemetry.reference_yaw))
+        (telemetry.time.seconds(), tilt.xy().push(telemetry.reference_yaw))
     };
     flight.samples.iter().map(at).collect()
 }
@@ -174,10 +174,10 @@ fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
         let stamps = applied.map(|command| command.stamps);
         let onward = applied.map_or(Span::ZERO, |it| it.onward.wire + it.onward.air);
         let sent = stamps.map(|s| s.command_published_at).filter(|at| at.is_set());
-        let sent_s = seconds(sent.unwrap_or(telemetry.time));
+        let sent_s = sent.unwrap_or(telemetry.time).seconds();
         if let Some(stamps) = stamps.filter(|stamps| stamps.applied_at.is_set()) {
             // Behind a bridge the stamp is that of the hand-over.
-            delays_s.push(seconds(stamps.applied_at + onward) - sent_s);
+            delays_s.push((stamps.applied_at + onward).seconds() - sent_s);
         }
         let sticks = Vector3::from(telemetry.sticks);
         let command = CommandRecord { sent_s, sticks, thrust: telemetry.thrust };
@@ -188,10 +188,6 @@ fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
     let kept =
         sent_commands.into_iter().filter(|(_, is_acknowledged)| *is_acknowledged || !shows_losses);
     (kept.map(|(command, _)| command).collect(), median(delays_s))
-}
-
-fn seconds(time: Time) -> f64 {
-    time.nanos() as f64 * 1e-9
 }
 
 #[cfg(test)]
