@@ -126,12 +126,14 @@ impl Config {
         Self::from_settings(&settings)
     }
 
-    /// The settings of `file`, each with its line.
+    /// The settings of `files`, each with its line; later files override earlier ones.
     ///
     /// # Errors
-    /// The file cannot be read, or is not TOML.
-    pub fn file_settings(file: &Path) -> Result<Vec<Setting>, ConfigError> {
-        layer::from_file(file)
+    /// A file cannot be read, or is not TOML.
+    pub fn file_settings<P: AsRef<Path>>(files: &[P]) -> Result<Vec<Setting>, ConfigError> {
+        let settings: Result<Vec<_>, _> =
+            files.iter().map(|file| layer::from_file(file.as_ref())).collect();
+        Ok(settings?.concat())
     }
 
     /// Settings of `files`, overridden by those of the environment.
@@ -139,10 +141,7 @@ impl Config {
     /// # Errors
     /// A file cannot be read, or is not TOML, or gives a thrust without the mass that it lifts; with its line.
     pub fn layers(files: &[PathBuf]) -> Result<Vec<Setting>, ConfigError> {
-        let mut settings = Vec::new();
-        for file in files {
-            settings.extend(Self::file_settings(file)?);
-        }
+        let mut settings = Self::file_settings(files)?;
         // An unknown key, which may be meant as the mass, is reported first, with the flags.
         if Self::unchecked(&settings).is_some() {
             refuse_thrust_alone(&settings)?;

@@ -95,18 +95,16 @@ impl Config {
         Err(error(origin, reason))
     }
 
-    /// The configuration of `files` as they are now, with the settings of this one that are from none of them: those of flags, of the
-    /// environment, and the instance.
+    /// The configuration with these `settings` of its `files`, as they are now, and those of its own that are from none of the files:
+    /// from flags, the environment, and the instance.
     ///
     /// # Errors
     /// Like [`Config::load`].
-    pub fn reread(&self, files: &[PathBuf]) -> Result<Self, ConfigError> {
-        let mut settings = Vec::new();
-        for file in files {
-            settings.extend(Self::file_settings(file)?);
-        }
-        // Processes of several instances may read one file.
-        settings.retain(|setting| !setting.is_of_instance());
+    pub fn with_files(
+        &self,
+        files: &[PathBuf],
+        mut settings: Vec<Setting>,
+    ) -> Result<Self, ConfigError> {
         settings.extend(self.origins.apart_from(files));
         Self::from_settings(&settings)
     }

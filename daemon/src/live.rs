@@ -28,7 +28,7 @@ use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
 use crate::warnings::{note_below_envelope, oscillates, quick_warnings, without_effect};
-use crate::waypoint_file::{ReadSettings, WAYPOINTS_KEY, require_readable_file};
+use crate::waypoint_file::{ReadSettings, WAYPOINTS_KEY, read_in_time};
 
 /// Number of changes of settings that can be taken back \[-\].
 const MOST_UNDONE: usize = 32;
@@ -323,17 +323,17 @@ impl LiveSettings {
             let reason = "no file to reload: the daemon was started without a file, or with a copy, config.toml of a flight or an instance, which does not have later edits; name the file";
             return Err(Refusal::of_setting(reason));
         }
-        files.iter().try_for_each(|file| require_readable_file(file))?;
-        // First: an edit from now on is told once too often, and never lost.
-        let reread = reread_comments(&self.present.reread, files);
-        let mut settings = Vec::new();
-        for file in files {
-            settings.extend(Config::file_settings(file)?);
-        }
+        let (read, before) = (files.to_owned(), self.present.reread.clone());
+        let (reread, mut settings) = read_in_time(files, move || {
+            // First: an edit from now on is told once too often, and never lost.
+            let reread = reread_comments(&before, &read);
+            Ok::<_, ConfigError>((reread, Config::file_settings(&read)?))
+        })?;
+        // Processes of several instances may read one file.
         settings.retain(|setting| !setting.is_of_instance());
         let next = match path.is_empty() {
             true => {
-                let next = self.started.config.reread(files)?;
+                let next = self.started.config.with_files(files, settings.clone())?;
                 self.present().require_live(&next, &settings)?;
                 next
             }
@@ -367,8 +367,9 @@ impl LiveSettings {
                 Ok(ReadSettings { config, waypoints: Some(points.clone()), ..present })
             }
             _ => {
-                file.iter().try_for_each(|file| require_readable_file(file))?;
-                Ok(ReadSettings { reread: present.reread, ..ReadSettings::reading(config)? })
+                let named = config.clone();
+                let read = read_in_time(file.as_slice(), move || ReadSettings::reading(named))?;
+                Ok(ReadSettings { reread: present.reread, ..read })
             }
         }
     }

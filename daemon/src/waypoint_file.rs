@@ -1,6 +1,7 @@
 //! The trajectory of a configuration, with its waypoint file read.
 
-use std::path::Path;
+use std::path::PathBuf;
+use std::slice;
 use std::time::Duration;
 
 use oqtal_config::{Config, read_waypoints, waypoints_comment};
@@ -58,22 +59,28 @@ fn comment(config: &Config) -> String {
     config.trajectory.waypoints_file.as_deref().map_or_else(String::new, waypoints_comment)
 }
 
-/// Fails if `path` exists and is not a regular file that can be read in time: one that blocks would block this and every later request. The
-/// request itself reads it again, then from the kernel's cache, and reports errors.
-pub(crate) fn require_readable_file(path: &Path) -> Result<(), Refusal> {
-    let file = path.to_owned();
-    let is_regular = in_time(READ_TIMEOUT, move || {
-        let is_regular = file.metadata().map_or(true, |found| found.is_file());
-        // Up to the size that a request may read.
-        let _ = is_regular.then(|| read_waypoints(&file));
-        is_regular
+/// The result of `job`, which reads `files` for a request. A file that blocks would block this and every later request.
+///
+/// # Errors
+/// One of the files exists and is not a regular file, they are not read in time, or `job` fails.
+pub(crate) fn read_in_time<T, E>(
+    files: &[PathBuf],
+    job: impl FnOnce() -> Result<T, E> + Send + 'static,
+) -> Result<T, Refusal>
+where
+    T: Send + 'static,
+    Refusal: From<E>,
+{
+    let paths = files.to_owned();
+    let is_other = |path: &&PathBuf| path.metadata().is_ok_and(|found| !found.is_file());
+    let read = in_time(READ_TIMEOUT, move || match paths.iter().find(is_other) {
+        Some(path) => Err(Refusal::of_setting(format!("{}: not a regular file", path.display()))),
+        None => Ok(job()?),
     });
-    let reason = match is_regular {
-        Ok(true) => return Ok(()),
-        Ok(false) => "not a regular file".to_owned(),
-        Err(reason) => reason,
-    };
-    Err(Refusal::of_setting(format!("{}: {reason}", path.display())))
+    read.unwrap_or_else(|reason| {
+        let names: Vec<_> = files.iter().map(|file| file.display().to_string()).collect();
+        Err(Refusal::of_setting(format!("{}: {reason}", names.join(", "))))
+    })
 }
 
 /// Settings with the points of their waypoint file, so that a later change does not need the file, which may have been removed.
@@ -126,14 +133,17 @@ impl ReadSettings {
         file(self) == file(other) && self.waypoints != other.waypoints
     }
 
-    /// The trajectory. If the file could not be read at the start, the request that flies it fails.
+    /// The trajectory. If its file could not be read at the start, it is read now.
     ///
     /// # Errors
-    /// Like [`trajectory`].
-    pub(crate) fn trajectory(&self) -> Result<Trajectory, Failure> {
-        match &self.waypoints {
-            Some(points) => trajectory_along(&self.config, Some(points.clone())),
-            None => trajectory(&self.config),
+    /// Like [`trajectory`] and [`read_in_time`].
+    pub(crate) fn trajectory(&self) -> Result<Trajectory, Refusal> {
+        match (&self.waypoints, &self.config.trajectory.waypoints_file) {
+            (None, Some(file)) if self.config.trajectory.kind == TrajectoryKind::Waypoints => {
+                let config = self.config.clone();
+                read_in_time(slice::from_ref(file), move || trajectory(&config))
+            }
+            (points, _) => Ok(trajectory_along(&self.config, points.clone())?),
         }
     }
 }

@@ -13,7 +13,7 @@ use oqtal_runtime::process::{Exit, Failure};
 /// # Errors
 /// The daemon does not answer (exit code 75) or has changed too many settings (1), or the copy of its configuration cannot be read.
 pub fn present_settings(bus: &Bus) -> Result<Vec<Setting>, Failure> {
-    let mut settings = Config::file_settings(&bus.paths().config())?;
+    let mut settings = Config::file_settings(&[bus.paths().config()])?;
     let changed = changed_before(bus).map_err(|reason| match reason {
         NoAnswer::Incomplete => Failure::new(
             Exit::Flight,

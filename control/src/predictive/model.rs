@@ -64,6 +64,15 @@ pub enum Integration {
     Coarse,
 }
 
+/// A step of the integration, the same for every step of a motion.
+struct IntegrationStep {
+    /// Length \[s\].
+    h: f64,
+    /// Shares of the thrust's difference from the commanded one that remain after half the step and after all of it \[0..1\]: the
+    /// thrust has a lag of its own, so that this is exact.
+    decay: [f64; 2],
+}
+
 /// Parameters of the vehicle that the predictor uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehicleModel {
@@ -169,7 +178,9 @@ impl VehicleModel {
             Integration::Fine => Self::classic_step,
             Integration::Coarse => Self::midpoint_step,
         };
-        (0..steps as u32).fold(*motion, |motion, _| step(self, &motion, (input, bias), h))
+        let lag_s = self.thrust_lag_s.max(SHORTEST_LAG_S);
+        let of_step = IntegrationStep { h, decay: [h / 2.0, h].map(|t_s| (-t_s / lag_s).exp()) };
+        (0..steps as u32).fold(*motion, |motion, _| step(self, &motion, (input, bias), &of_step))
     }
 
     fn longest_step_s(&self) -> f64 {
@@ -187,16 +198,15 @@ impl VehicleModel {
         (COARSE_SHARE * rotation_s.min(thrust_s)).clamp(fine_s, COARSE_STEP_S)
     }
 
-    /// Thrust `t_s` \[s\] after that of `motion` \[N\]: an independent first-order lag, therefore exact.
-    fn thrust_after(&self, motion: &Motion, input: &ModelInput, t_s: f64) -> f64 {
+    /// One Runge-Kutta step of fourth order.
+    fn classic_step(
+        &self,
+        motion: &Motion,
+        (input, bias): (&ModelInput, &Bias),
+        &IntegrationStep { h, decay: [half, whole] }: &IntegrationStep,
+    ) -> Motion {
         let off_n = motion.thrust_n - input.thrust_n;
-        input.thrust_n + off_n * (-t_s / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp()
-    }
-
-    /// One Runge-Kutta step of fourth order, of `h` \[s\].
-    fn classic_step(&self, motion: &Motion, (input, bias): (&ModelInput, &Bias), h: f64) -> Motion {
-        let [start, middle, end] =
-            [0.0, h / 2.0, h].map(|t_s| self.thrust_after(motion, input, t_s));
+        let [start, middle, end] = [1.0, half, whole].map(|share| input.thrust_n + off_n * share);
         let x = motion.vector();
         // A loop instead of four statements, so that the derivative is compiled once.
         let (mut slope, mut sum) = (Vector13::zeros(), Vector13::zeros());
@@ -210,14 +220,15 @@ impl VehicleModel {
         Motion::from_vector(&(x + sum * (h / 6.0)), end)
     }
 
-    /// One step by the midpoint method, of `h` \[s\].
+    /// One step by the midpoint method.
     fn midpoint_step(
         &self,
         motion: &Motion,
         (input, bias): (&ModelInput, &Bias),
-        h: f64,
+        &IntegrationStep { h, decay }: &IntegrationStep,
     ) -> Motion {
-        let [middle, end] = [h / 2.0, h].map(|t_s| self.thrust_after(motion, input, t_s));
+        let off_n = motion.thrust_n - input.thrust_n;
+        let [middle, end] = decay.map(|share| input.thrust_n + off_n * share);
         let x = motion.vector();
         let half = x + self.derivative(motion, input, bias) * (h / 2.0);
         let slope = self.derivative(&Motion::from_vector(&half, middle), input, bias);

@@ -132,7 +132,7 @@ impl PlantSpread {
     /// # Errors
     /// The file cannot be read, or an entry has none of the forms (exit code 78, with the line).
     pub fn read(file: &Path) -> Result<Self, Failure> {
-        let entries = Config::file_settings(file)?;
+        let entries = Config::file_settings(&[file])?;
         let mut keys: Vec<SpreadKey> = Vec::new();
         for setting in &entries {
             let key = entry(setting)?;

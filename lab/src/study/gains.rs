@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::slice;
 use std::str::FromStr;
 
 use oqtal_bus::paths::quoted;
@@ -169,7 +170,8 @@ fn of_directory(directory: &Path, controller: &str) -> Result<Vec<Setting>, Fail
         );
         Failure::new(Exit::Config, text)
     };
-    let settings = Config::file_settings(&file).map_err(|error| remedy(&error.to_string(), ""))?;
+    let settings = Config::file_settings(slice::from_ref(&file))
+        .map_err(|error| remedy(&error.to_string(), ""))?;
     if settings.is_empty() {
         let reason = format!("{}: no gains, the file has no keys", file.display());
         return Err(remedy(&reason, " --force"));
