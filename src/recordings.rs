@@ -86,12 +86,7 @@ pub fn require_one(path: &Path, flight: &Flight) -> Result<(), Failure> {
 
 /// The failure of a command for an error of a recording.
 pub fn failure(error: RecordingFileError) -> Failure {
-    let exit = match error {
-        RecordingFileError::Io { .. }
-        | RecordingFileError::Foreign { .. }
-        | RecordingFileError::NoFlight { .. } => Exit::Data,
-        RecordingFileError::Version { .. } => Exit::Version,
-    };
+    let exit = if error.is_of_another_version() { Exit::Version } else { Exit::Data };
     Failure::new(exit, error.to_string())
 }
 

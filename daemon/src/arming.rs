@@ -8,11 +8,12 @@ use oqtal_bus::message::VehicleV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_control::predictive::MeasuredPose;
 use oqtal_control::trajectory::Trajectory;
 
 use crate::fence::Fence;
 use crate::flight_room::Way;
-use crate::guard::Accepted;
+use crate::guard::AcceptedPose;
 use crate::limits::FlightLimits;
 
 /// Poses by which the vehicle is at rest or not \[-\].
@@ -32,7 +33,7 @@ pub struct ArmingView<'a> {
     /// Whether enough good poses arrived in a row.
     pub poses_good: bool,
     /// The last accepted pose.
-    pub last: Option<&'a Accepted>,
+    pub last: Option<&'a AcceptedPose>,
     /// The last message about the vehicle, if it answers.
     pub vehicle: Option<&'a VehicleV1>,
     /// Whether processes run with different configurations.
@@ -67,12 +68,13 @@ fn runs_uncommanded(vehicle: &VehicleV1) -> bool {
 pub struct ArmingCheck {
     limits: FlightLimits,
     heights: [f64; 2],
-    tilt: f64,
+    /// Cosine of the greatest tilt \[-\].
+    least_upright: f64,
     allows_emulated: bool,
     /// Greatest time-out of a real vehicle \[s\]; infinite: also none.
     time_out_s: f64,
     path: ArmingPath,
-    recent: [Option<Accepted>; REST_POSES],
+    recent: [Option<MeasuredPose>; REST_POSES],
     next: usize,
     /// Instant of the newest of them.
     newest_at: Time,
@@ -87,7 +89,7 @@ impl ArmingCheck {
         Self {
             limits: FlightLimits::new(config),
             heights: safety.arming_z_m,
-            tilt: safety.arming_tilt_deg.to_radians().cos(),
+            least_upright: safety.arming_tilt_deg.to_radians().cos(),
             allows_emulated: safety.allow_emulated_poses,
             time_out_s: safety.vehicle_time_out_ms * 1e-3,
             path: ArmingPath::new(config, trajectory),
@@ -104,12 +106,12 @@ impl ArmingCheck {
     }
 
     /// Takes an accepted pose, in flight too: a vehicle that has just flown is not at rest.
-    pub fn take(&mut self, pose: &Accepted) {
-        if pose.captured_at < self.newest_at + REST_SPACING {
+    pub fn take(&mut self, accepted: &AcceptedPose) {
+        if accepted.captured_at < self.newest_at + REST_SPACING {
             return;
         }
-        self.newest_at = pose.captured_at;
-        self.recent[self.next] = Some(*pose);
+        self.newest_at = accepted.captured_at;
+        self.recent[self.next] = Some(accepted.pose);
         self.next = (self.next + 1) % REST_POSES;
     }
 
@@ -150,16 +152,16 @@ impl ArmingCheck {
             .with(O::Stopped, view.vehicle.is_some_and(|vehicle| vehicle.stopped != 0));
         // An old pose says nothing about where the vehicle is now.
         let Some(last) = view.last.filter(|_| view.poses_good) else { return general };
-        let upright = last.attitude.to_world(&Vector3::z()).z;
+        let upright = last.pose.attitude.to_world(&Vector3::z()).z;
         let [low, high] = self.heights;
-        let inside = self.fence().inside_soft_m(&last.position) > 0.0;
+        let inside = self.fence().inside_soft_m(&last.pose.position) > 0.0;
         general
-            .with(O::Moving, !self.is_at_rest(last))
-            .with(O::Tilted, upright < self.tilt)
-            .with(O::OffFloor, !(low..=high).contains(&last.position.z))
+            .with(O::Moving, !self.is_at_rest(&last.pose))
+            .with(O::Tilted, upright < self.least_upright)
+            .with(O::OffFloor, !(low..=high).contains(&last.pose.position.z))
             .with(O::EmulatedPoses, last.simulated && real && !self.allows_emulated)
             .with(O::OutsideFence, !inside)
-            .with(O::PathOutsideFence, inside && self.leaves_fence(&last.position))
+            .with(O::PathOutsideFence, inside && self.leaves_fence(&last.pose.position))
     }
 
     /// The fence.
@@ -168,8 +170,8 @@ impl ArmingCheck {
     }
 
     /// Whether most of the recent poses agree with `last`.
-    fn is_at_rest(&self, last: &Accepted) -> bool {
-        let same = |pose: &&Accepted| {
+    fn is_at_rest(&self, last: &MeasuredPose) -> bool {
+        let same = |pose: &&MeasuredPose| {
             (pose.position - last.position).norm() <= REST_M
                 && pose.attitude.angle_to(&last.attitude) <= REST_RAD
         };

@@ -45,7 +45,9 @@ use commanded::CommandedRotation;
 use direction::DirectionTest;
 use heading::HeadingProbe;
 use pending::{PendingRotations, SeenRotation};
-use rotation::{Accuracy, DrivenRotation, LEAST_DEVIATION_RAD, QUIET, RotationTest, Source};
+use rotation::{
+    Accuracy, DrivenRotation, LEAST_DEVIATION_RAD, QUIET, RotationPair, RotationTest, Source,
+};
 use standstill::StandstillTest;
 use vehicle_rates::VehicleRates;
 
@@ -267,29 +269,29 @@ impl PoseConsistency {
     /// Compares a rotation seen with that of the vehicle; the evidence is that of the source in use.
     fn test_rotation(
         &mut self,
-        &SeenRotation { from_s, to_s: t_s, turn: ref seen, is_airborne }: &SeenRotation,
-        &DrivenRotation { source, turn: ref driven }: &DrivenRotation,
+        &SeenRotation { from_s, to_s: t_s, turn: seen, is_airborne }: &SeenRotation,
+        &DrivenRotation { source, turn: driven }: &DrivenRotation,
         noise: &PoseDeviations,
         turns: bool,
     ) {
-        let dt_s = t_s - from_s;
+        let pair = RotationPair { seen, driven, t_s, dt_s: t_s - from_s };
         let test = match source {
             Source::Gyroscope => &mut self.gyroscope,
             Source::Commands => &mut self.commands,
         };
-        let angles = test.take((seen, driven), noise.attitude_rad, (t_s, dt_s), is_airborne);
+        let washed_out = test.take(&pair, noise.attitude_rad, is_airborne);
         if source != self.source {
             return;
         }
         if source == Source::Gyroscope {
-            self.unseen += driven - seen - self.unseen * (dt_s / UNSEEN_S).min(1.0);
+            self.unseen += driven - seen - self.unseen * (pair.dt_s / UNSEEN_S).min(1.0);
         }
-        let Some(angles) = angles else { return };
+        let Some(washed_out) = washed_out else { return };
         let needed = source == Source::Commands || test.unconfirmed_s() > UNCONFIRMED_S;
         if turns {
             self.heading.end();
         }
-        let heading = self.heading.take(needed && !turns, angles, noise.attitude_rad, (t_s, dt_s));
+        let heading = self.heading.take(needed && !turns, &washed_out, noise.attitude_rad);
         self.evidence.drift = test.drift_evidence;
         self.evidence.response = heading.max(test.response_evidence);
         if heading > QUIET {

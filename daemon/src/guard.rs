@@ -1,6 +1,5 @@
 //! The guard of the poses: accepts a pose that is recent, in order, finite, of unit norm, and at a place that the vehicle can have reached.
 
-use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
 use oqtal_bus::message::{Header, PoseV1};
 use oqtal_bus::time::{Span, Time};
@@ -18,22 +17,13 @@ const JUMP_MARGIN_RAD: f64 = 0.1;
 
 /// A pose that passed the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Accepted {
+pub struct AcceptedPose {
     /// Instant of its capture.
     pub captured_at: Time,
-    /// Position \[m, world\].
-    pub position: Vector3<f64>,
-    /// Attitude \[body to world\].
-    pub attitude: Attitude,
+    /// The pose itself.
+    pub pose: MeasuredPose,
     /// Whether it is emulated or from a recording.
     pub simulated: bool,
-}
-
-impl Accepted {
-    /// The pose itself.
-    pub fn pose(&self) -> MeasuredPose {
-        MeasuredPose { position: self.position, attitude: self.attitude }
-    }
 }
 
 /// The guard of the poses.
@@ -44,7 +34,7 @@ pub struct Guard {
     max_age: Span,
     max_speed: f64,
     max_rate: f64,
-    last: Option<Accepted>,
+    last: Option<AcceptedPose>,
     last_frame: u64,
     last_message: u64,
     last_source: u64,
@@ -90,7 +80,7 @@ impl Guard {
     /// Begins a flight at the last accepted pose, on the floor below it.
     pub fn begin_flight(&mut self, tracker: &mut MotionTracker) {
         if let Some(last) = self.last {
-            tracker.begin(last.captured_at.seconds(), &last.pose(), last.position.z);
+            tracker.begin(last.captured_at.seconds(), &last.pose, last.pose.position.z);
             self.gate.restart(tracker);
         }
     }
@@ -119,9 +109,9 @@ impl Guard {
         now: Time,
         arrival: &(Header, PoseV1),
         flying: bool,
-    ) -> Result<Accepted, Cause> {
+    ) -> Result<AcceptedPose, Cause> {
         let checked = self.check_message(now, arrival, flying).and_then(|accepted| {
-            self.gate.check(tracker, accepted.captured_at.seconds(), &accepted.pose())?;
+            self.gate.check(tracker, accepted.captured_at.seconds(), &accepted.pose)?;
             if tracker.track().is_none() {
                 self.check_motion(&accepted)?;
             }
@@ -163,7 +153,7 @@ impl Guard {
     }
 
     /// The last accepted pose.
-    pub fn last(&self) -> Option<&Accepted> {
+    pub fn last(&self) -> Option<&AcceptedPose> {
         self.last.as_ref()
     }
 
@@ -198,7 +188,7 @@ impl Guard {
         now: Time,
         (header, pose): &(Header, PoseV1),
         flying: bool,
-    ) -> Result<Accepted, Cause> {
+    ) -> Result<AcceptedPose, Cause> {
         let captured_at = header.stamps.captured_at;
         if captured_at > now {
             self.uncounted += 1;
@@ -215,14 +205,15 @@ impl Guard {
         if now.since(captured_at) > self.max_age {
             return Err(Cause::Stale);
         }
-        let (position, simulated) = (pose.position.into(), pose.simulated != 0);
-        Ok(Accepted { captured_at, position, attitude, simulated })
+        let simulated = pose.simulated != 0;
+        let pose = MeasuredPose { position: pose.position.into(), attitude };
+        Ok(AcceptedPose { captured_at, pose, simulated })
     }
 
     /// Checks that frame numbers and capture times increase, and counts the gaps.
     fn count_frames(&mut self, header: &Header, flying: bool) -> Result<(), Cause> {
         let frame = header.pose_sequence;
-        let later = |last: Accepted| header.stamps.captured_at > last.captured_at;
+        let later = |last: AcceptedPose| header.stamps.captured_at > last.captured_at;
         // A restarted source counts from one again, at later capture times; on the ground so may the camera system behind it.
         let is_recount = !flying && frame <= self.last_frame && self.last.is_none_or(later);
         let restarted = header.source != self.last_source || is_recount;
@@ -248,12 +239,12 @@ impl Guard {
     /// Checks on the ground, where no motion is predicted, that the vehicle moved no further than its limits allow since the last
     /// accepted pose. Time that passes while poses jump does not count: a body with swapped markers must not become acceptable by
     /// waiting.
-    fn check_motion(&mut self, pose: &Accepted) -> Result<(), Cause> {
+    fn check_motion(&mut self, accepted: &AcceptedPose) -> Result<(), Cause> {
         let Some(last) = self.last else { return Ok(()) };
-        let elapsed_s = pose.captured_at.since(last.captured_at).seconds();
+        let elapsed_s = accepted.captured_at.since(last.captured_at).seconds();
         let unseen_s = self.unseen_s.unwrap_or(elapsed_s);
-        let moved = (pose.position - last.position).norm();
-        let turned = pose.attitude.angle_to(&last.attitude);
+        let moved = (accepted.pose.position - last.pose.position).norm();
+        let turned = accepted.pose.attitude.angle_to(&last.pose.attitude);
         let jumped = moved > self.max_speed * unseen_s + JUMP_MARGIN_M
             || turned > self.max_rate * unseen_s + JUMP_MARGIN_RAD;
         if jumped {

@@ -131,7 +131,7 @@ pub use fence::Fence;
 use flight_marker::TakeOffMarker;
 pub use flight_room::{known_start, require_flyable};
 pub use gate::MotionGate;
-pub use guard::{Accepted, Guard};
+pub use guard::{AcceptedPose, Guard};
 pub use handover::{Handover, SlewLimits};
 use law_socket::SocketLaw;
 pub use limits::{FlightLimits, FlightView, LimitConditions};

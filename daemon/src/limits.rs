@@ -110,9 +110,9 @@ pub struct FlightLimits {
     gravity: f64,
     drag: f64,
     speed: f64,
-    /// Cosines of the tilts.
-    tilt_warning: f64,
-    tilt: f64,
+    /// Cosines of the tilts \[-\].
+    warning_upright: f64,
+    least_upright: f64,
     tracking: f64,
     battery_low: f64,
     battery_empty: f64,
@@ -151,8 +151,8 @@ impl FlightLimits {
             gravity: config.vehicle.gravity_m_s2,
             drag: config.vehicle.drag_per_s,
             speed: safety.speed_limit_m_s,
-            tilt_warning: safety.tilt_warning_deg.to_radians().cos(),
-            tilt: safety.tilt_limit_deg.to_radians().cos(),
+            warning_upright: safety.tilt_warning_deg.to_radians().cos(),
+            least_upright: safety.tilt_limit_deg.to_radians().cos(),
             tracking: safety.tracking_limit_m,
             battery_low: safety.battery_low_v,
             battery_empty: safety.battery_empty_v,
@@ -182,8 +182,8 @@ impl FlightLimits {
         conditions.in_fence_margin = !is_inside(self.fence.inside_soft_m(&motion.position))
             || !is_inside(self.fence.inside_m(&stop));
         conditions.too_fast = !is_within(motion.velocity.norm(), self.speed);
-        conditions.tilted = !is_upright(self.tilt_warning);
-        conditions.tipped = !is_upright(self.tilt);
+        conditions.tilted = !is_upright(self.warning_upright);
+        conditions.tipped = !is_upright(self.least_upright);
         let off = motion.position - reference.position;
         conditions.far_off = reference.attitude.is_none() && !is_within(off.norm(), self.tracking);
         let sinks = off.z < -SINKS_M && motion.velocity.z < -SINKS_M_S;

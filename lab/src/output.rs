@@ -16,8 +16,6 @@ use crate::study::args::command;
 
 /// Folder of the directories of studies.
 const RESULTS: &str = "results";
-/// Highest number of a directory `results/COMMAND-N`.
-const MAX_NUMBER: u32 = 100_000;
 /// File in the directory of a study that is in progress or was interrupted.
 const JOURNAL: &str = "study.journal";
 /// File with the configuration of the study.
@@ -216,16 +214,8 @@ fn check_not_begun(journal: &Path) -> Result<(), Failure> {
 /// The directory cannot be made (exit code 71).
 pub fn next_free(command: &str) -> Result<PathBuf, Failure> {
     make(Path::new(RESULTS))?;
-    for number in 1..MAX_NUMBER {
-        let directory = Path::new(RESULTS).join(format!("{command}-{number}"));
-        match fs::create_dir(&directory) {
-            Ok(()) => return Ok(directory),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(unwritable(&directory, &error)),
-        }
-    }
-    let reason = format!("{RESULTS}/ has no free number; remove old results, or give --out");
-    Err(Failure::new(Exit::System, reason))
+    let results = Path::new(RESULTS);
+    files::create_numbered(results, command).map_err(|error| unwritable(results, &error))
 }
 
 /// The directory `results/COMMAND-N` with the highest number that has a journal of these arguments.

@@ -205,12 +205,7 @@ fn read(py: Python<'_>, path: PathBuf) -> PyResult<PyFlight> {
 }
 
 fn unreadable(error: RecordingFileError) -> Failure {
-    let exit = match error {
-        RecordingFileError::Io { .. }
-        | RecordingFileError::Foreign { .. }
-        | RecordingFileError::NoFlight { .. } => Exit::Data,
-        RecordingFileError::Version { .. } => Exit::Version,
-    };
+    let exit = if error.is_of_another_version() { Exit::Version } else { Exit::Data };
     Failure::new(exit, error.to_string())
 }
 

@@ -10,12 +10,31 @@ use rustix::fs::OFlags;
 /// Maximum length of a secret \[bytes\].
 const LONGEST_SECRET: u64 = 1024;
 
+/// Highest number of a numbered directory \[-\].
+const HIGHEST_NUMBER: u32 = 99_999;
+
 /// Creates a directory that only this user can access.
 ///
 /// # Errors
 /// The name exists already, or the directory cannot be made.
 pub fn create_private_directory(path: &Path) -> io::Result<()> {
     DirBuilder::new().mode(0o700).create(path)
+}
+
+/// Creates the first directory `NAME-N` in `parent` that does not exist, N from 1.
+///
+/// # Errors
+/// The directory cannot be made, or no number is free.
+pub fn create_numbered(parent: &Path, name: &str) -> io::Result<PathBuf> {
+    for number in 1..=HIGHEST_NUMBER {
+        let directory = parent.join(format!("{name}-{number}"));
+        match std::fs::create_dir(&directory) {
+            Ok(()) => return Ok(directory),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Err(io::Error::other("no free number; remove old directories"))
 }
 
 /// Refuses a directory that is a link or belongs to another user, who could replace its files by links.

@@ -17,9 +17,6 @@ use oqtal_observe::{csv, report};
 
 use crate::provenance::PROVENANCE;
 
-/// Highest number of a directory `flights/INSTANCE-N`.
-const MAX_NUMBER: u32 = 100_000;
-
 /// File with the effective configuration.
 const CONFIG: &str = "config.toml";
 /// File with the figures of every tick.
@@ -191,19 +188,9 @@ impl FlightDirectory {
 fn next_free(instance: &str) -> Result<PathBuf, Failure> {
     let flights = Path::new("flights");
     fs::create_dir_all(flights).map_err(|e| failed(flights, &e))?;
-    files::check_own_directory(flights).map_err(|e| failed(flights, &e))?;
-    for number in 1..MAX_NUMBER {
-        let directory = flights.join(format!("{instance}-{number}"));
-        match fs::create_dir(&directory) {
-            Ok(()) => return Ok(directory),
-            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(failed(&directory, &error)),
-        }
-    }
-    Err(Failure::new(
-        Exit::System,
-        "flights/ has no free number; remove old flights or give --out DIR",
-    ))
+    files::check_own_directory(flights)
+        .and_then(|()| files::create_numbered(flights, instance))
+        .map_err(|e| failed(flights, &e))
 }
 
 fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {

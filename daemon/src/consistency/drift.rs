@@ -2,6 +2,8 @@
 
 use nalgebra::Vector3;
 
+use super::rotation::RotationPair;
+
 /// Time constant of the estimated bias of the vehicle's rate \[s\]; at the beginning, the time since then.
 const BIAS_S: f64 = 20.0;
 /// Time for which the bias is estimated before the test begins \[s\].
@@ -45,14 +47,13 @@ pub(super) struct DriftTest {
 }
 
 impl DriftTest {
-    /// Takes the rotations seen and driven over `dt_s` \[s\] \[rad, body axes\]; `deviation_rad` is the noise of the attitude \[rad\].
-    /// Returns the greatest difference over its limit \[-\].
+    /// Takes the rotations of an interval; `deviation_rad` is the noise of the attitude \[rad\]. Returns the greatest difference over its
+    /// limit \[-\].
     pub(super) fn take(
         &mut self,
-        (seen, driven): (&Vector3<f64>, &Vector3<f64>),
+        &RotationPair { seen, driven, dt_s, .. }: &RotationPair,
         limit: &DriftLimit,
         deviation_rad: f64,
-        dt_s: f64,
     ) -> f64 {
         self.elapsed_s += dt_s;
         let step = seen - driven;

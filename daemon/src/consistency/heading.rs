@@ -7,6 +7,8 @@
 
 use std::f64::consts::TAU;
 
+use super::rotation::RotationPair;
+
 /// Frequency of the oscillation \[rad/s\]: above the corner of the wash-out, within the bandwidth of every law's yaw loop.
 const FREQUENCY_RAD_S: f64 = 0.9 * TAU;
 /// Time constant of the demodulation \[s\].
@@ -57,15 +59,10 @@ impl HeadingProbe {
         })
     }
 
-    /// Takes the washed-out angles about the vertical body axis, seen and driven \[rad\], at `t_s` \[s\] after `dt_s` \[s\]; the attitude
-    /// has the noise `noise_rad` \[rad\]. The heading oscillates while this is `needed`. Returns the evidence over its limit \[-\].
-    pub(super) fn take(
-        &mut self,
-        needed: bool,
-        (seen_rad, driven_rad): (f64, f64),
-        noise_rad: f64,
-        (t_s, dt_s): (f64, f64),
-    ) -> f64 {
+    /// Takes rotations that are washed out; the attitude has the noise `noise_rad` \[rad\]. The heading oscillates while this is `needed`.
+    /// Returns the evidence over its limit \[-\].
+    pub(super) fn take(&mut self, needed: bool, pair: &RotationPair, noise_rad: f64) -> f64 {
+        let &RotationPair { seen, driven, t_s, dt_s } = pair;
         let step = if needed { dt_s } else { -dt_s } / RAMP_S;
         self.level = (self.level + step).clamp(0.0, 1.0);
         if self.amplitude_rad == 0.0 || self.level == 0.0 {
@@ -76,8 +73,8 @@ impl HeadingProbe {
         let (sine, cosine) = (FREQUENCY_RAD_S * elapsed_s).sin_cos();
         let gain = (dt_s / MEMORY_S).min(1.0);
         for (phase, axis) in [cosine, sine].into_iter().enumerate() {
-            self.seen[phase] += (seen_rad * axis - self.seen[phase]) * gain;
-            self.driven[phase] += (driven_rad * axis - self.driven[phase]) * gain;
+            self.seen[phase] += (seen.z * axis - self.seen[phase]) * gain;
+            self.driven[phase] += (driven.z * axis - self.driven[phase]) * gain;
         }
         let product = |a: &[f64; 2], b: &[f64; 2]| a[0] * b[0] + a[1] * b[1];
         let power = product(&self.driven, &self.driven);
@@ -93,7 +90,15 @@ impl HeadingProbe {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
+
+    /// Rotations about the vertical axis \[rad\] in a period that ends at `t_s` \[s\].
+    fn about_z(seen: f64, driven: f64, t_s: f64) -> RotationPair {
+        let [seen, driven] = [seen, driven].map(|angle| Vector3::z() * angle);
+        RotationPair { seen, driven, t_s, dt_s: 1.0 / 60.0 }
+    }
 
     /// Evidence after `for_s` \[s\] of a rotation seen that is `share` of the driven one, `delay_s` later.
     fn evidence(share: f64, delay_s: f64, for_s: f64) -> f64 {
@@ -102,7 +107,7 @@ mod tests {
         for step in 0..(60.0 * for_s) as u32 {
             let t_s = f64::from(step) / 60.0;
             let (seen, driven) = (share * probe.offset_rad(t_s - delay_s), probe.offset_rad(t_s));
-            evidence = probe.take(true, (seen, driven), 0.003, (t_s, 1.0 / 60.0));
+            evidence = probe.take(true, &about_z(seen, driven, t_s), 0.003);
         }
         evidence
     }
@@ -117,7 +122,7 @@ mod tests {
     #[test]
     fn without_an_amplitude_nothing_oscillates() {
         let mut probe = HeadingProbe::new(0.0);
-        assert_eq!(probe.take(true, (0.0, 1.0), 0.003, (1.0, 0.02)), 0.0);
+        assert_eq!(probe.take(true, &about_z(0.0, 1.0, 1.0), 0.003), 0.0);
         assert_eq!(probe.offset_rad(1.2), 0.0);
     }
 }

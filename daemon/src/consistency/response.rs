@@ -2,6 +2,8 @@
 
 use nalgebra::Vector3;
 
+use super::rotation::RotationPair;
+
 /// Accuracy of the rotation with which poses are compared.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ResponseLimit {
@@ -50,16 +52,15 @@ pub(super) struct ResponseTest {
 }
 
 impl ResponseTest {
-    /// Takes the rotations seen and driven, both washed out \[rad, body axes\], after `dt_s` \[s\]; their difference has the variance
-    /// `variance` \[rad^2\] about each axis while they agree. Returns the greatest sum \[-\].
+    /// Takes rotations that are washed out; their difference has the variance `variance` \[rad^2\] about each axis while they agree.
+    /// Returns the greatest sum \[-\].
     pub(super) fn take(
         &mut self,
-        (seen, driven): (&Vector3<f64>, &Vector3<f64>),
+        &RotationPair { seen, driven, dt_s, .. }: &RotationPair,
         limit: &ResponseLimit,
         variance: f64,
-        dt_s: f64,
     ) -> f64 {
-        let likelihood = (seen - driven * 0.5).dot(driven) / variance;
+        let likelihood = (seen - driven * 0.5).dot(&driven) / variance;
         let counts = COUNTS_PER_S * dt_s.min(LONGEST_S);
         self.confirmation = (self.confirmation + likelihood.clamp(-1.0, 1.0) * counts).max(0.0);
         self.unconfirmed_s += dt_s;
@@ -92,7 +93,8 @@ mod tests {
     fn an_outlier_of_the_poses_is_one_sample() {
         let mut test = ResponseTest::default();
         let (seen, driven) = (Vector3::z() * -0.07, Vector3::z() * 0.009);
-        let sum = test.take((&seen, &driven), &ResponseLimit::GYROSCOPE, 2e-5, 1.0 / 60.0);
+        let pair = RotationPair { seen, driven, t_s: 1.0, dt_s: 1.0 / 60.0 };
+        let sum = test.take(&pair, &ResponseLimit::GYROSCOPE, 2e-5);
         assert!((0.5..=1.0).contains(&sum), "{sum}");
     }
 }

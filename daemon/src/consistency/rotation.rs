@@ -37,6 +37,19 @@ pub(super) struct DrivenRotation {
     pub(super) turn: Vector3<f64>,
 }
 
+/// Rotations of the vehicle over one interval \[rad, body axes\].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RotationPair {
+    /// The rotation seen by the cameras.
+    pub(super) seen: Vector3<f64>,
+    /// The rotation by the source.
+    pub(super) driven: Vector3<f64>,
+    /// End of the interval \[s\].
+    pub(super) t_s: f64,
+    /// Length of the interval \[s\].
+    pub(super) dt_s: f64,
+}
+
 /// Accuracy of a source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Accuracy {
@@ -100,19 +113,20 @@ impl RotationTest {
         }
     }
 
-    /// Takes the rotations seen and driven over `dt_s` until `t_s` \[s\] \[rad, body axes\]; `noise_rad` is the noise of the attitude
-    /// \[rad\]. Returns both angles about the vertical body axis, washed out \[rad\]; `None` if they are not compared yet.
+    /// Takes the rotations of an interval; `noise_rad` is the noise of the attitude \[rad\]. Returns them washed out; `None` if they are
+    /// not compared yet.
     pub(super) fn take(
         &mut self,
-        (seen, driven): (&Vector3<f64>, &Vector3<f64>),
+        pair: &RotationPair,
         noise_rad: f64,
-        (t_s, dt_s): (f64, f64),
         is_airborne: bool,
-    ) -> Option<(f64, f64)> {
+    ) -> Option<RotationPair> {
+        let RotationPair { seen, driven, t_s, dt_s } = pair;
         self.airborne_s += dt_s;
-        let drift = self.drift.take((seen, driven), &self.accuracy.drift, noise_rad, dt_s);
-        let (seen, driven) = (self.seen.take(seen, dt_s), self.driven.take(driven, dt_s));
-        self.deviation.take(t_s, (seen - driven).norm_squared() / 3.0);
+        let drift = self.drift.take(pair, &self.accuracy.drift, noise_rad);
+        let (seen, driven) = (self.seen.take(seen, *dt_s), self.driven.take(driven, *dt_s));
+        let washed_out = RotationPair { seen, driven, ..*pair };
+        self.deviation.take(*t_s, (seen - driven).norm_squared() / 3.0);
         let is_settled = self.airborne_s >= SETTLED_S;
         let factor =
             if is_settled { Some(self.accuracy.factor) } else { self.accuracy.early_factor };
@@ -123,12 +137,12 @@ impl RotationTest {
         self.drift_evidence = drift;
         let least = LEAST_DEVIATION_RAD.max(NOISE_SHARE * noise_rad);
         let variance = self.deviation.mean().max(least * least);
-        let sum = self.response.take((&seen, &driven), &self.accuracy.response, variance, dt_s);
+        let sum = self.response.take(&washed_out, &self.accuracy.response, variance);
         self.response_evidence = sum / (factor * self.limit);
         if self.response_evidence > QUIET {
             self.deviation.discard();
         }
-        Some((seen.z, driven.z))
+        Some(washed_out)
     }
 
     /// Time since the poses were last found to follow the vehicle \[s\].

@@ -16,7 +16,7 @@ use crate::command::VehicleCommand;
 use crate::command_model::{CommandModel, motion_tracker};
 use crate::consistency::{Expectation, PoseConsistency};
 use crate::floor::AIRBORNE_M;
-use crate::guard::{Accepted, Guard};
+use crate::guard::{AcceptedPose, Guard};
 use crate::measured_noise::MeasuredNoise;
 use crate::vehicle::VehicleWatch;
 
@@ -121,8 +121,11 @@ impl Intake {
         match self.guard.check(&mut self.tracker, now, arrival, flying) {
             Ok(accepted) => {
                 let captured_s = accepted.captured_at.seconds();
-                let estimate =
-                    self.estimator.update(captured_s, accepted.position, accepted.attitude);
+                let estimate = self.estimator.update(
+                    captured_s,
+                    accepted.pose.position,
+                    accepted.pose.attitude,
+                );
                 if self.tracker.track().is_none() {
                     self.tracker.rest(&estimate);
                 }
@@ -161,8 +164,8 @@ impl Intake {
     }
 
     /// Measures the noise of an accepted pose, and checks that it follows the vehicle.
-    fn check_consistency(&mut self, now: Time, accepted: &Accepted) {
-        let (captured_s, pose) = (accepted.captured_at.seconds(), accepted.pose());
+    fn check_consistency(&mut self, now: Time, accepted: &AcceptedPose) {
+        let (captured_s, pose) = (accepted.captured_at.seconds(), accepted.pose);
         let noise = self.noise.deviations();
         let obeys = !(self.is_landing || self.vehicle.link_quality() < LEAST_LINK);
         let is_away = self.reference.is_some_and(|reference| {
@@ -260,11 +263,11 @@ impl Intake {
 
     /// Heading of the vehicle in the last accepted pose \[rad\]; `None` before the first.
     pub(super) fn heading_rad(&self) -> Option<f64> {
-        self.guard.last().map(|last| EulerAngles::from_attitude(&last.attitude).yaw)
+        self.guard.last().map(|last| EulerAngles::from_attitude(&last.pose.attitude).yaw)
     }
 
     /// The last accepted pose.
-    pub(super) fn last_pose(&self) -> Option<&Accepted> {
+    pub(super) fn last_pose(&self) -> Option<&AcceptedPose> {
         self.guard.last()
     }
 
@@ -344,7 +347,7 @@ impl Intake {
     /// Whether the vehicle was in the air at the last accepted pose.
     pub(super) fn was_airborne(&self) -> bool {
         let lowest_m = self.tracker.floor_m() + AIRBORNE_M;
-        self.guard.last().is_some_and(|last| last.position.z > lowest_m)
+        self.guard.last().is_some_and(|last| last.pose.position.z > lowest_m)
     }
 
     /// Ends the flight; `is_stopped` if by a Stop, after which the vehicle may still fall.

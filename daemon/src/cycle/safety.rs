@@ -10,7 +10,7 @@ use super::requests::Requests;
 use crate::command::VehicleCommand;
 use crate::descent::BlindDescent;
 use crate::fence::Fence;
-use crate::guard::Accepted;
+use crate::guard::AcceptedPose;
 use crate::limits::{FlightLimits, FlightView, LimitConditions, LoopLimits};
 use crate::loop_health::{LoopHealth, TickFrames};
 use crate::supervisor::{SafetyConditions, Supervisor};
@@ -173,7 +173,8 @@ impl SafetyMonitor {
     /// Whether the vehicle may descend without poses: it has its own attitude loop, was in the air at the last pose, its motion is known, and
     /// it has not descended for too long.
     fn may_descend(&self, now: Time, intake: &Intake) -> bool {
-        let is_possible = |last: &Accepted| self.descent.is_possible(now.since(last.captured_at));
+        let is_possible =
+            |last: &AcceptedPose| self.descent.is_possible(now.since(last.captured_at));
         // If poses contradicted the vehicle or the motion predicted from earlier ones, those may have been wrong.
         let is_known = !(intake.contradicts_motion() || intake.consistency().is_disputed());
         (is_known || self.supervisor.state() == SafetyState::Descend)

@@ -27,7 +27,7 @@ impl Feed {
     }
 
     /// Shows the next frame.
-    fn show(&mut self, pose: PoseV1) -> Result<Accepted, Cause> {
+    fn show(&mut self, pose: PoseV1) -> Result<AcceptedPose, Cause> {
         self.frame += 1;
         self.time = self.time + FRAME;
         self.check_at(self.frame, self.time, self.time, pose)
@@ -39,7 +39,7 @@ impl Feed {
         captured_at: Time,
         now: Time,
         mut pose: PoseV1,
-    ) -> Result<Accepted, Cause> {
+    ) -> Result<AcceptedPose, Cause> {
         // Noise, as every real pose has.
         pose.position[1] += 1e-6 * (self.frame % 7) as f64;
         let stamps = Stamps { captured_at, ..Stamps::default() };

@@ -56,6 +56,13 @@ pub enum RecordingFileError {
     },
 }
 
+impl RecordingFileError {
+    /// Whether the version that made the recording can read it, and this one cannot.
+    pub fn is_of_another_version(&self) -> bool {
+        matches!(self, Self::Version { .. })
+    }
+}
+
 /// Whether the file at `path` begins like a recording, complete or not.
 pub fn is_recording(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
