@@ -300,7 +300,9 @@ impl LiveSettings {
 
     /// Changes the settings `KEY=VALUE` in the lines of `text`.
     fn set(&self, text: LongText) -> Result<PreparedChange, Refusal> {
-        let settings = assignments(&text)?;
+        let lines = text.as_str().lines();
+        let settings: Vec<_> =
+            lines.map(|line| Setting::parse(ORIGIN, line)).collect::<Result<_, _>>()?;
         if settings.is_empty() {
             return Err(Refusal::of_setting("no KEY=VALUE given"));
         }
@@ -393,9 +395,4 @@ impl LiveSettings {
         let settings = self.with_trajectory(kind).ok()?;
         Some(fitting_starts(&settings.config, &settings.trajectory().ok()?))
     }
-}
-
-/// The settings in the lines of `text`.
-fn assignments(text: &LongText) -> Result<Vec<Setting>, ConfigError> {
-    text.as_str().lines().map(|line| Setting::parse(ORIGIN, line)).collect()
 }
