@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use crate::error::BusError;
 use crate::message::{ControlRequestV1, ControlResponseV1, Message};
+use crate::origin::Origin;
 use crate::time::{Span, Time};
 
 /// Answers a request: reads the encoded request, fills the encoded answer.
@@ -18,15 +19,29 @@ pub(crate) trait RawServer: fmt::Debug {
 
 /// Client side of a request-response service for bytes.
 pub(crate) trait RawClient: fmt::Debug {
-    /// Sends `request` and polls until an answer arrives, the server is gone, or `give_up` is reached; returns whether an answer arrived.
+    /// Sends `request` and polls until its answer arrives, the server is gone, or `give_up` is reached; returns whether it arrived.
+    /// Answers with another key are discarded.
     fn ask(&self, request: &[u8], response: &mut [u8], give_up: Time) -> Result<bool, BusError>;
 }
 
-/// Sizes and schema of the control service.
-pub(crate) const CONTROL_SIZES: (usize, usize) = (ControlRequestV1::SIZE, ControlResponseV1::SIZE);
-/// Hash of both message definitions of the control service.
+/// Size of the key before each request, which its answer repeats \[bytes\].
+pub(crate) const KEY_SIZE: usize = 16;
+/// Sizes of requests and answers of the control service, with the key \[bytes\].
+pub(crate) const CONTROL_SIZES: (usize, usize) =
+    (KEY_SIZE + ControlRequestV1::SIZE, KEY_SIZE + ControlResponseV1::SIZE);
+/// Hash of both message definitions of the control service, and of their key.
 pub(crate) const CONTROL_SCHEMA: u64 =
-    ControlRequestV1::SCHEMA ^ ControlResponseV1::SCHEMA.rotate_left(1);
+    ControlRequestV1::SCHEMA ^ ControlResponseV1::SCHEMA.rotate_left(1) ^ KEY_SIZE as u64;
+
+/// Key of a request, which no other request on this machine has: its process and the present instant. The transport gives the answer to
+/// the request of a process that has ended to the next one that takes its place.
+fn key() -> [u8; KEY_SIZE] {
+    let mut key = [0; KEY_SIZE];
+    let (process, instant) = key.split_at_mut(KEY_SIZE / 2);
+    process.copy_from_slice(&Origin::own().bits().to_le_bytes());
+    instant.copy_from_slice(&Time::now().nanos().to_le_bytes());
+    key
+}
 
 /// The daemon's side of the control service.
 #[derive(Debug)]
@@ -46,7 +61,9 @@ impl ControlServer {
         mut answer: impl FnMut(ControlRequestV1) -> ControlResponseV1,
     ) -> Result<(), BusError> {
         self.0.serve(&mut |request, response| {
-            answer(ControlRequestV1::decode(request)).encode(response);
+            let (key, request) = request.split_at(KEY_SIZE);
+            response[..KEY_SIZE].copy_from_slice(key);
+            answer(ControlRequestV1::decode(request)).encode(&mut response[KEY_SIZE..]);
         })
     }
 }
@@ -70,11 +87,12 @@ impl ControlClient {
         timeout: Span,
     ) -> Result<Option<ControlResponseV1>, BusError> {
         let (mut sent, mut received) = ([0; CONTROL_SIZES.0], [0; CONTROL_SIZES.1]);
-        request.encode(&mut sent);
+        sent[..KEY_SIZE].copy_from_slice(&key());
+        request.encode(&mut sent[KEY_SIZE..]);
         let give_up = Time::now() + timeout;
         loop {
             if self.0.ask(&sent, &mut received, give_up)? {
-                return Ok(Some(ControlResponseV1::decode(&received)));
+                return Ok(Some(ControlResponseV1::decode(&received[KEY_SIZE..])));
             }
             if Time::now() >= give_up {
                 return Ok(None);

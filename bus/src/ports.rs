@@ -10,7 +10,7 @@ use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 
-use crate::control::{Answerer, RawClient, RawServer};
+use crate::control::{Answerer, KEY_SIZE, RawClient, RawServer};
 use crate::error::{BusError, of_iceoryx};
 use crate::membership::Membership;
 use crate::message::Header;
@@ -105,8 +105,11 @@ impl RawClient for Port<IceClient> {
                 if answer.payload().len() != response.len() {
                     return Err(BusError::Version { topic: self.name.to_owned() });
                 }
-                response.copy_from_slice(answer.payload());
-                return Ok(true);
+                if answer.payload()[..KEY_SIZE] == request[..KEY_SIZE] {
+                    response.copy_from_slice(answer.payload());
+                    return Ok(true);
+                }
+                continue;
             }
             std::thread::sleep(Duration::from_millis(2));
         }
