@@ -27,7 +27,7 @@ use crate::refusal::Refusal;
 use crate::room::StoppingRoom;
 use crate::stack::ControlStack;
 use crate::stream::ReferenceStream;
-use crate::warnings::{note_below_envelope, oscillates, quick_warnings, without_effect};
+use crate::warnings::{added_warnings, note_below_envelope};
 use crate::waypoint_file::{ReadSettings, WAYPOINTS_KEY, read_in_time};
 
 /// Number of changes of settings that can be taken back \[-\].
@@ -240,25 +240,21 @@ impl LiveSettings {
             .is_some_and(|(settings, _)| settings.has_same_values(&self.present))
     }
 
-    /// Returns the warnings that `prepared` adds to those of the present settings, by its settings or its point; the floor is at height 0.
-    pub fn new_warnings(&self, prepared: &PreparedChange) -> Vec<String> {
-        let of = |settings: &ReadSettings| {
-            let trajectory = settings.trajectory();
-            trajectory.map_or_else(|_| Vec::new(), |path| quick_warnings(&settings.config, &path))
+    /// The job that finds the warnings that `prepared` adds to those of the present settings, by its settings or its point; the floor is
+    /// at height 0. It flies the law on a model, which takes time.
+    pub fn new_warnings(&self, prepared: &PreparedChange) -> impl FnOnce() -> Vec<String> + use<> {
+        let present = self.present.clone();
+        let next = prepared.settings.as_ref().map(|(next, _)| next.clone());
+        let height_m = match &prepared.change {
+            FlightChange::Goto(target) => Some(target.z),
+            _ => None,
         };
-        let Some((next, _)) = &prepared.settings else {
-            let FlightChange::Goto(target) = &prepared.change else { return Vec::new() };
-            return note_below_envelope(self.present(), target.z).into_iter().collect();
-        };
-        let before = of(&self.present);
-        let new = of(next).into_iter().filter(|told| !before.contains(told));
-        new.chain(without_effect(self.present(), &next.config))
-            .chain(
-                oscillates(&next.config)
-                    .filter(|_| oscillates(self.present()).is_none())
-                    .map(|warning| format!("{warning}, or take changed settings back by `undo`")),
-            )
-            .collect()
+        move || match next {
+            Some(next) => added_warnings(&present, &next),
+            None => {
+                height_m.and_then(|z| note_below_envelope(&present.config, z)).into_iter().collect()
+            }
+        }
     }
 
     /// Takes the settings of a change that was handed to the loop.

@@ -18,6 +18,7 @@ use crate::condition::{Condition, Followed};
 use crate::cycle::FirstFlight;
 use crate::live::{LiveSettings, PreparedChange};
 use crate::refusal::require_braking;
+use crate::timed_job::in_time;
 
 use answer::{
     event, first_lines, publish_answered, refused, refused_event, unchanged_text, with_place,
@@ -28,6 +29,9 @@ use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity};
 
 /// Time-out of the loop's reply; an operator's request without a reply is then answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
+
+/// Longest time in which warnings of a change are found.
+const WARNING_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Requests of operators, on the background thread's side of the hand-off.
 #[derive(Debug)]
@@ -79,6 +83,18 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
             flight_until: Time::UNSET,
         },
     )
+}
+
+/// Whether the operator does not wait for the answer to `request` any longer.
+fn is_over(request: &ControlRequestV1) -> bool {
+    request.valid_until.is_set() && Time::now() > request.valid_until
+}
+
+/// The warnings that `job` finds in time; else a line that says so.
+fn within_time(job: impl FnOnce() -> Vec<String> + Send + 'static) -> Vec<String> {
+    in_time(WARNING_TIMEOUT, job).unwrap_or_else(|reason| {
+        vec![format!("the search for warnings {reason}; `oqtal check` has them for a file")]
+    })
 }
 
 impl OperatorRequests {
@@ -270,7 +286,8 @@ impl OperatorRequests {
                 let text = unchanged_text(request, &prepared.text);
                 return ControlResponseV1 { text, ..self.present(Answer::Done) };
             }
-            Ok(_) if self.queues.is_full() => {
+            // Settings that come late would surprise in another phase of the flight.
+            Ok(_) if self.queues.is_full() || is_over(request) => {
                 refused(Cause::Expired, self.present(Answer::Refused))
             }
             Ok(prepared) => {
@@ -281,7 +298,9 @@ impl OperatorRequests {
                 }
                 event.text = prepared.text;
                 publish(event);
-                with_warnings(self.hand_over(prepared, &event, Validity::of(request)), &warnings)
+                let response = self.hand_over(prepared, &event, Validity::of(request));
+                // The flight does not wait for the warnings, and neither do later requests for long.
+                with_warnings(response, &within_time(warnings))
             }
         };
         if response.answer == Answer::Refused.code() {

@@ -31,8 +31,8 @@ impl From<Failure> for Refusal {
     }
 }
 
-/// Lowest limit of the tilt that can be set in flight \[deg\]: at 2 m/s a vehicle then takes some 5 m to stop.
-const LEAST_TILT_DEG: f64 = 3.0;
+/// Way within which a vehicle must be able to stop from the greatest speed of a planner's reference after a change in flight \[m\].
+const LONGEST_STOP_M: f64 = 2.5;
 
 /// Requires that a fast vehicle can still stop if the settings `present` become `next` in flight.
 ///
@@ -40,11 +40,14 @@ const LEAST_TILT_DEG: f64 = 3.0;
 /// The limit of the tilt becomes too low.
 pub(crate) fn require_braking(present: &Config, next: &Config) -> Result<(), Refusal> {
     let [before_deg, deg] = [present, next].map(|config| config.position.tilt_limit_deg);
-    if deg >= before_deg.min(LEAST_TILT_DEG) {
+    let speed_m_s = present.reference.speed_limit_m_s;
+    let deceleration_m_s2 = speed_m_s * speed_m_s / (2.0 * LONGEST_STOP_M);
+    let least_deg = (deceleration_m_s2 / present.vehicle.gravity_m_s2).atan().to_degrees();
+    if deg >= before_deg.min(least_deg) {
         return Ok(());
     }
     Err(Refusal::of_setting(format!(
-        "`position.tilt-limit-deg` is {deg}, it must be at least {LEAST_TILT_DEG} in flight: a vehicle that is fast could not stop inside the fence; set it before the flight"
+        "`position.tilt-limit-deg` is {deg}, it must be at least {least_deg:.1} in flight: at {speed_m_s} m/s, `reference.speed-limit-m-s`, a vehicle could not stop within {LONGEST_STOP_M} m; set it before the flight"
     )))
 }
 
@@ -60,7 +63,7 @@ mod tests {
             Config::from_settings(&[setting]).unwrap()
         };
         let refused = |from, to| require_braking(&limited(from), &limited(to)).is_err();
-        assert!(refused(15.0, 1.0) && refused(2.0, 1.0));
-        assert!(!refused(15.0, 3.0) && !refused(2.0, 2.5) && !refused(2.0, 2.0));
+        assert!(refused(15.0, 7.2) && refused(2.0, 1.0));
+        assert!(!refused(15.0, 7.3) && !refused(2.0, 2.5) && !refused(2.0, 2.0));
     }
 }

@@ -1,4 +1,4 @@
-//! A job that may never end, such as reading a file of another machine or of the kernel, in a thread of its own.
+//! A job that may take too long, such as reading a file of another machine or of the kernel, in a thread of its own.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -19,7 +19,9 @@ pub(crate) fn in_time<T: Send + 'static>(
     let (sender, result) = crossbeam_channel::bounded(1);
     if RUNNING.fetch_add(1, Ordering::Relaxed) >= MOST_RUNNING {
         RUNNING.fetch_sub(1, Ordering::Relaxed);
-        return Err(format!("{MOST_RUNNING} others are still being read"));
+        return Err(format!(
+            "was not begun: {MOST_RUNNING} others have not ended; restart the daemon after the flight"
+        ));
     }
     let run = move || {
         let result = job();
@@ -30,7 +32,7 @@ pub(crate) fn in_time<T: Send + 'static>(
         RUNNING.fetch_sub(1, Ordering::Relaxed);
         return Err(error.to_string());
     }
-    let late = |_| format!("was not read within {} s", timeout.as_secs_f64());
+    let late = |_| format!("did not end within {} s", timeout.as_secs_f64());
     result.recv_timeout(timeout).map_err(late)
 }
 
@@ -43,7 +45,7 @@ mod tests {
         let (release, blocked) = crossbeam_channel::bounded::<()>(0);
         let waits = move || blocked.recv().is_ok();
         let late = in_time(Duration::from_millis(20), waits).unwrap_err();
-        assert_eq!(late, "was not read within 0.02 s");
+        assert_eq!(late, "did not end within 0.02 s");
         assert_eq!(in_time(Duration::from_secs(60), || 7), Ok(7));
         drop(release);
     }

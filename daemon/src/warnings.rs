@@ -1,5 +1,6 @@
 //! Warnings before a flight: settings that the flight cannot satisfy. The flight takes place nevertheless.
 
+mod change;
 mod disturbances;
 mod guarded;
 mod hover;
@@ -9,9 +10,10 @@ mod path;
 mod simulated;
 mod steps;
 
+pub(crate) use change::added_warnings;
 pub(crate) use guarded::note_below_envelope;
-pub(crate) use hover::oscillates;
-pub(crate) use law::without_effect;
+use hover::oscillates;
+use law::without_effect;
 
 use std::ops::RangeInclusive;
 

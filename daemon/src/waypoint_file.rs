@@ -74,12 +74,14 @@ where
     let paths = files.to_owned();
     let is_other = |path: &&PathBuf| path.metadata().is_ok_and(|found| !found.is_file());
     let read = in_time(READ_TIMEOUT, move || match paths.iter().find(is_other) {
-        Some(path) => Err(Refusal::of_setting(format!("{}: not a regular file", path.display()))),
+        Some(path) => {
+            Err(Refusal::of_setting(format!("{}: not a regular file; give one", path.display())))
+        }
         None => Ok(job()?),
     });
     read.unwrap_or_else(|reason| {
         let names: Vec<_> = files.iter().map(|file| file.display().to_string()).collect();
-        Err(Refusal::of_setting(format!("{}: {reason}", names.join(", "))))
+        Err(Refusal::of_setting(format!("{}: reading {reason}", names.join(", "))))
     })
 }
 

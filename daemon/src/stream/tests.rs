@@ -1,3 +1,5 @@
+use oqtal_bus::code::ReferenceKind;
+
 use super::*;
 
 const START: Time = Time::VIRTUAL_START;
@@ -110,7 +112,7 @@ fn f35_an_attitude_turns_on_to_the_tilt_limit_and_a_reference_near_the_floor_is_
         ..sample(0)
     };
     stream.receive(at(0), (7, &message), Some((&present(), 0.0, &room(0.0))));
-    let limit_rad = stream.limits.cosine_of_tilt.acos();
+    let limit_rad = stream.limits.least_upright.acos();
     for millis in [0, 20, 200, 450] {
         let attitude = stream.reference(at(millis)).unwrap().attitude.unwrap();
         let turned_rad = attitude.attitude.angle_to(&Attitude::default());
@@ -175,4 +177,43 @@ fn a_planners_attitude_may_turn_on_step_by_step() {
         stream.receive(now, (7, &message), Some((&flown, flown.value.w, &room(0.0))));
         assert_eq!(stream.take_refusal(), None, "{step}");
     }
+}
+
+/// Beside a number of many turns a heading is lost in the rounding.
+#[test]
+fn a_heading_of_many_turns_is_the_same_heading_within_half_a_turn() {
+    let yaw = 99_999_999_999_999_760.0; // 0.0007 rad
+    for (heading_rad, is_followed) in [(0.1, true), (3.0, false)] {
+        let mut stream = stream();
+        let flown = ReferenceMotion { value: [0.0, 0.0, 1.0, heading_rad].into(), ..present() };
+        let message = ReferenceV1 { yaw, ..sample(0) };
+        stream.receive(at(0), (7, &message), Some((&flown, heading_rad, &room(0.0))));
+        assert_eq!(stream.is_followed(), is_followed, "{heading_rad}: {:?}", stream.refusal);
+        assert!(stream.motion(at(0)).is_none_or(|motion| motion.value.w.abs() < 1e-3));
+    }
+}
+
+/// What counts is the attitude that is flown now, not that of the time stamp.
+#[test]
+fn an_attitude_that_has_turned_too_far_since_its_time_stamp_is_refused() {
+    let yaw = |deg: f64| {
+        let half_rad = (deg / 2.0).to_radians();
+        [0.0, 0.0, half_rad.sin(), half_rad.cos()]
+    };
+    let turning = ReferenceV1 {
+        kind: ReferenceKind::Attitude.code(),
+        attitude: yaw(43.0),
+        rate: [0.0, 0.0, 2.0],
+        valid_until: at(450),
+        velocity: [0.0; 3],
+        ..sample(0)
+    };
+    let mut stream = stream();
+    stream.receive(at(400), (7, &turning), Some((&present(), 0.0, &room(0.0))));
+    assert!(stream.take_refusal().is_some_and(|refusal| refusal.to_string().contains("heading")));
+    let resting = ReferenceV1 { attitude: yaw(0.0), ..turning };
+    stream.receive(at(0), (7, &resting), Some((&present(), 0.0, &room(0.0))));
+    // The heading at which the vehicle stays is the one that was flown.
+    let flown = stream.motion(at(200)).unwrap().value.w;
+    assert!((flown - 0.4).abs() < 1e-9, "{flown}");
 }

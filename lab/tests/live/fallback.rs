@@ -129,7 +129,7 @@ fn f70_gains_that_are_set_do_not_change_the_fallback_of_an_external_law() {
     assert_eq!(flown(false), flown(true));
     let settings = LiveSettings::new(&mission.config, &[]);
     let prepared = settings.prepare(OperatorCommand::Set, &gain).unwrap();
-    let notes = settings.new_warnings(&prepared);
+    let notes = settings.new_warnings(&prepared)();
     assert!(notes.iter().any(|note| note.contains("keeps the gains")), "{notes:?}");
 }
 
@@ -140,6 +140,6 @@ fn f70_a_point_at_which_the_envelope_leaves_the_law_no_room_is_answered_with_a_w
     for (height_m, notes) in [(0.2, 1), (0.5, 0)] {
         let point = goto([0.0, 0.0, height_m]);
         let prepared = settings.prepare(OperatorCommand::Goto, &point).unwrap();
-        assert_eq!(settings.new_warnings(&prepared).len(), notes, "{height_m} m");
+        assert_eq!(settings.new_warnings(&prepared)().len(), notes, "{height_m} m");
     }
 }
