@@ -30,6 +30,7 @@ mod motion_observer;
 mod pending;
 mod response;
 mod rotation;
+mod rotation_pair;
 mod standstill;
 mod vehicle_rates;
 mod washout;
@@ -45,9 +46,8 @@ use commanded::CommandedRotation;
 use direction::DirectionTest;
 use heading::HeadingProbe;
 use pending::{PendingRotations, SeenRotation};
-use rotation::{
-    Accuracy, DrivenRotation, LEAST_DEVIATION_RAD, QUIET, RotationPair, RotationTest, Source,
-};
+use rotation::{Accuracy, DrivenRotation, LEAST_DEVIATION_RAD, QUIET, RotationTest, Source};
+use rotation_pair::RotationPair;
 use standstill::StandstillTest;
 use vehicle_rates::VehicleRates;
 

@@ -30,8 +30,8 @@ use loop_handle::{NumberedReply, NumberedRequest, RequestNumber, Validity};
 /// Time-out of the loop's reply; an operator's request without a reply is then answered with "accepted".
 const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
 
-/// Longest time in which warnings of a change are found.
-const WARNING_TIMEOUT: Duration = Duration::from_millis(500);
+/// Longest time in which warnings of a change are found. With the reading of a file it stays within the second of the watchdog.
+const WARNING_TIMEOUT: Duration = Duration::from_millis(400);
 
 /// Requests of operators, on the background thread's side of the hand-off.
 #[derive(Debug)]

@@ -12,7 +12,7 @@ use crate::refusal::Refusal;
 use crate::timed_job::in_time;
 
 /// Longest time in which a file that a request names is read.
-const READ_TIMEOUT: Duration = Duration::from_millis(500);
+const READ_TIMEOUT: Duration = Duration::from_millis(400);
 
 /// Configuration key that names the waypoint file.
 pub(crate) const WAYPOINTS_KEY: &str = "trajectory.waypoints-file";

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::rotation::RotationPair;
+use super::rotation_pair::RotationPair;
 
 /// Time constant of the estimated bias of the vehicle's rate \[s\]; at the beginning, the time since then.
 const BIAS_S: f64 = 20.0;

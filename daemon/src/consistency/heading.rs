@@ -7,7 +7,7 @@
 
 use std::f64::consts::TAU;
 
-use super::rotation::RotationPair;
+use super::rotation_pair::RotationPair;
 
 /// Frequency of the oscillation \[rad/s\]: above the corner of the wash-out, within the bandwidth of every law's yaw loop.
 const FREQUENCY_RAD_S: f64 = 0.9 * TAU;

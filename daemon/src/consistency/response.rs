@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::rotation::RotationPair;
+use super::rotation_pair::RotationPair;
 
 /// Accuracy of the rotation with which poses are compared.
 #[derive(Clone, Copy, Debug)]

@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use super::drift::{DriftLimit, DriftTest};
 use super::response::{ResponseLimit, ResponseTest};
+use super::rotation_pair::RotationPair;
 use super::washout::WashOut;
 use crate::delayed_mean::DelayedMean;
 
@@ -35,19 +36,6 @@ pub(super) struct DrivenRotation {
     pub(super) source: Source,
     /// \[rad, body axes\].
     pub(super) turn: Vector3<f64>,
-}
-
-/// Rotations of the vehicle over one interval \[rad, body axes\].
-#[derive(Clone, Copy, Debug)]
-pub(super) struct RotationPair {
-    /// The rotation seen by the cameras.
-    pub(super) seen: Vector3<f64>,
-    /// The rotation by the source.
-    pub(super) driven: Vector3<f64>,
-    /// End of the interval \[s\].
-    pub(super) t_s: f64,
-    /// Length of the interval \[s\].
-    pub(super) dt_s: f64,
 }
 
 /// Accuracy of a source.

@@ -13,7 +13,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeReference;
 use oqtal_control::trajectory::ReferenceMotion;
 
-use super::{FollowedReference, is_upright, without_acceleration};
+use super::followed::{FollowedReference, is_upright, without_acceleration};
 use crate::room::StoppingRoom;
 use crate::setpoint::{SetpointRefusal, require, require_turn};
 
@@ -43,6 +43,7 @@ pub(super) struct StreamLimits {
     pub(super) acceleration_m_s2: f64,
     pub(super) jump_m: f64,
     pub(super) rate_rad_s: [f64; 3],
+    /// Cosine of the greatest tilt of a prescribed attitude \[-\].
     pub(super) least_upright: f64,
     pub(super) longest_validity: Span,
     /// Pause after which references are of another stream: within one validity, they are of one.

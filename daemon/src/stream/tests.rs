@@ -1,4 +1,6 @@
+use nalgebra::Vector3;
 use oqtal_bus::code::ReferenceKind;
+use oqtal_control::quaternion::Attitude;
 
 use super::*;
 
@@ -193,7 +195,7 @@ fn a_heading_of_many_turns_is_the_same_heading_within_half_a_turn() {
     }
 }
 
-/// What counts is the attitude that is flown now, not that of the time stamp.
+/// The attitude that is flown now counts, not that of the time stamp.
 #[test]
 fn an_attitude_that_has_turned_too_far_since_its_time_stamp_is_refused() {
     let yaw = |deg: f64| {
