@@ -84,25 +84,15 @@ impl StreamLimits {
         }
         let kind = ReferenceKind::from_code(message.kind)
             .ok_or(SetpointRefusal::Invalid("its kind is unknown"))?;
-        let [position, velocity, acceleration, jerk] =
-            [message.position, message.velocity, message.acceleration, message.jerk]
-                .map(Vector3::from);
-        let motion = ReferenceMotion {
-            value: position.push(near_heading(message.yaw, present.value.w)),
-            rate: velocity.push(message.yaw_rate),
-            acceleration: acceleration.push(0.0),
-        };
         let valid_until = message.valid_until.min(now + self.longest_validity);
-        let (time, is_smooth, attitude) = (message.time, false, None);
-        let least_upright = self.least_upright;
         let mut reference = FollowedReference {
-            time,
+            time: message.time,
             valid_until,
-            motion,
-            jerk,
-            is_smooth,
-            attitude,
-            least_upright,
+            motion: motion_of(message, present.value.w),
+            jerk: message.jerk.into(),
+            is_smooth: false,
+            attitude: None,
+            least_upright: self.least_upright,
         };
         if kind == ReferenceKind::Attitude {
             reference.attitude = Some(self.attitude(message)?);
@@ -186,6 +176,17 @@ impl StreamLimits {
             require(["rate about an axis", "rad/s"], rate.abs(), limit)?;
         }
         Ok(AttitudeReference { rate: BodyRate(rate), ..AttitudeReference::at_rest(attitude) })
+    }
+}
+
+/// The motion that `message` gives, near the heading `present_rad` \[rad\].
+fn motion_of(message: &ReferenceV1, present_rad: f64) -> ReferenceMotion {
+    let [position, velocity, acceleration] =
+        [message.position, message.velocity, message.acceleration].map(Vector3::from);
+    ReferenceMotion {
+        value: position.push(near_heading(message.yaw, present_rad)),
+        rate: velocity.push(message.yaw_rate),
+        acceleration: acceleration.push(0.0),
     }
 }
 
