@@ -101,17 +101,17 @@ impl RawClient for Port<IceClient> {
         loan.payload_mut().copy_from_slice(request);
         let pending = loan.send().map_err(|e| failed(&e))?;
         while pending.number_of_server_connections() > 0 && Time::now() < give_up {
-            if let Some(answer) = pending.receive().map_err(|e| failed(&e))? {
-                if answer.payload().len() != response.len() {
-                    return Err(BusError::Version { topic: self.name.to_owned() });
-                }
-                if answer.payload()[..KEY_SIZE] == request[..KEY_SIZE] {
-                    response.copy_from_slice(answer.payload());
-                    return Ok(true);
-                }
+            let Some(answer) = pending.receive().map_err(|e| failed(&e))? else {
+                std::thread::sleep(Duration::from_millis(2));
                 continue;
+            };
+            if answer.payload().len() != response.len() {
+                return Err(BusError::Version { topic: self.name.to_owned() });
             }
-            std::thread::sleep(Duration::from_millis(2));
+            if answer.payload()[..KEY_SIZE] == request[..KEY_SIZE] {
+                response.copy_from_slice(answer.payload());
+                return Ok(true);
+            }
         }
         Ok(false)
     }

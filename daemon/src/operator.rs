@@ -85,11 +85,6 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
     )
 }
 
-/// Whether the operator does not wait for the answer to `request` any longer.
-fn is_over(request: &ControlRequestV1) -> bool {
-    request.valid_until.is_set() && Time::now() > request.valid_until
-}
-
 /// The warnings that `job` finds in time; else a line that says so.
 fn within_time(job: impl FnOnce() -> Vec<String> + Send + 'static) -> Vec<String> {
     in_time(WARNING_TIMEOUT, job).unwrap_or_else(|reason| {
@@ -287,10 +282,11 @@ impl OperatorRequests {
                 return ControlResponseV1 { text, ..self.present(Answer::Done) };
             }
             // Settings that come late would surprise in another phase of the flight.
-            Ok(_) if self.queues.is_full() || is_over(request) => {
+            Ok(_) if self.queues.is_full() || Validity::of(request).is_over() => {
                 refused(Cause::Expired, self.present(Answer::Refused))
             }
             Ok(prepared) => {
+                let is_of_settings = prepared.changes_settings();
                 let warnings = settings.new_warnings(&prepared);
                 // A change of settings does not change the course of a flight under way.
                 if is_flying {
@@ -300,7 +296,8 @@ impl OperatorRequests {
                 publish(event);
                 let response = self.hand_over(prepared, &event, Validity::of(request));
                 // The flight does not wait for the warnings, and neither do later requests for long.
-                with_warnings(response, &within_time(warnings))
+                let found = if is_of_settings { within_time(warnings) } else { warnings() };
+                with_warnings(response, &found)
             }
         };
         if response.answer == Answer::Refused.code() {

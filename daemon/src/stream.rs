@@ -50,9 +50,6 @@ impl ReferenceStream {
     /// Replaces the limits by those of `other`.
     pub fn set_limits(&mut self, other: &Self) {
         self.limits = other.limits;
-        if let Some(followed) = &mut self.followed {
-            followed.least_upright = self.limits.least_upright;
-        }
         self.land_after = other.land_after;
     }
 
@@ -115,14 +112,14 @@ impl ReferenceStream {
 
     /// The reference at `now`; `None` if none is followed.
     pub fn reference(&self, now: Time) -> Option<Reference> {
-        self.followed.map(|followed| followed.reference(now))
+        self.followed.map(|followed| followed.reference(now, self.limits.least_upright))
     }
 
     /// The motion of the reference at `now`, with its acceleration only if that is fed forward; `None` if none is followed.
     pub fn motion(&self, now: Time) -> Option<ReferenceMotion> {
-        self.followed.map(|followed| match followed.is_smooth {
-            true => followed.motion(now),
-            false => without_acceleration(&followed.motion(now)),
+        self.followed.map(|followed| {
+            let motion = followed.motion(now, self.limits.least_upright);
+            if followed.is_smooth { motion } else { without_acceleration(&motion) }
         })
     }
 

@@ -213,8 +213,8 @@ fn check_not_begun(journal: &Path) -> Result<(), Failure> {
 /// # Errors
 /// The directory cannot be made (exit code 71).
 pub fn next_free(command: &str) -> Result<PathBuf, Failure> {
-    make(Path::new(RESULTS))?;
     let results = Path::new(RESULTS);
+    make(results)?;
     files::create_numbered(results, command).map_err(|error| unwritable(results, &error))
 }
 

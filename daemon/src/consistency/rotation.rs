@@ -109,12 +109,12 @@ impl RotationTest {
         noise_rad: f64,
         is_airborne: bool,
     ) -> Option<RotationPair> {
-        let RotationPair { seen, driven, t_s, dt_s } = pair;
+        let RotationPair { seen, driven, t_s, dt_s } = *pair;
         self.airborne_s += dt_s;
         let drift = self.drift.take(pair, &self.accuracy.drift, noise_rad);
-        let (seen, driven) = (self.seen.take(seen, *dt_s), self.driven.take(driven, *dt_s));
+        let (seen, driven) = (self.seen.take(&seen, dt_s), self.driven.take(&driven, dt_s));
         let washed_out = RotationPair { seen, driven, ..*pair };
-        self.deviation.take(*t_s, (seen - driven).norm_squared() / 3.0);
+        self.deviation.take(t_s, (seen - driven).norm_squared() / 3.0);
         let is_settled = self.airborne_s >= SETTLED_S;
         let factor =
             if is_settled { Some(self.accuracy.factor) } else { self.accuracy.early_factor };

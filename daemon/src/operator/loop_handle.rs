@@ -37,6 +37,11 @@ impl Validity {
         let ControlRequestV1 { asked_at, valid_until: until, repeated, .. } = *request;
         Self { asked_at, until, is_repeated: repeated != 0 }
     }
+
+    /// Whether the operator does not wait for the answer any longer.
+    pub(super) fn is_over(&self) -> bool {
+        self.until.is_set() && Time::now() > self.until
+    }
 }
 
 /// A request to the loop.
@@ -131,10 +136,10 @@ impl LoopHandle {
         &mut self,
         mut answer: impl FnMut(&mut LoopRequest) -> ControlResponseV1,
     ) -> Option<(OperatorCommand, u64, ControlResponseV1)> {
-        let (number, mut request, Validity { asked_at, until, is_repeated }) =
-            self.queues.request()?;
+        let (number, mut request, validity) = self.queues.request()?;
+        let Validity { asked_at, is_repeated, .. } = validity;
         let (command, event) = request.name();
-        let is_late = until.is_set() && Time::now() > until && must_be_timely(command);
+        let is_late = validity.is_over() && must_be_timely(command);
         let is_called_off = asked_at.is_set() && asked_at < self.called_off_at;
         let mut status = LoopRequest::Operator { command: OperatorCommand::Status, event: 0 };
         let response = if is_called_off && command.begins_flight() {

@@ -30,55 +30,66 @@ pub(super) struct FollowedReference {
     pub(super) is_smooth: bool,
     /// Prescribed attitude; the heading of the motion is then that of this attitude.
     pub(super) attitude: Option<AttitudeReference>,
-    /// Cosine of the tilt up to which it turns on \[-\].
-    pub(super) least_upright: f64,
 }
 
 impl FollowedReference {
-    /// The motion at `now`.
-    pub(super) fn motion(&self, now: Time) -> ReferenceMotion {
+    /// The motion that the derivatives lead to at `now`.
+    fn extrapolated(&self, now: Time) -> ReferenceMotion {
         let dt_s = now.since(self.time).seconds();
         let mut motion = self.motion.after(dt_s);
         let bend = self.jerk * (dt_s * dt_s / 2.0);
         motion.value += (bend * (dt_s / 3.0)).push(0.0);
         motion.rate += bend.push(0.0);
         motion.acceleration += (self.jerk * dt_s).push(0.0);
-        if let Some(prescribed) = self.attitude(now) {
+        motion
+    }
+
+    /// Motion and prescribed attitude at `now`; the heading of the motion is that of the attitude.
+    fn flown(&self, now: Time, least_upright: f64) -> (ReferenceMotion, Option<AttitudeReference>) {
+        let mut motion = self.extrapolated(now);
+        let attitude = self.attitude(now, least_upright);
+        if let Some(prescribed) = &attitude {
             motion.value.w = EulerAngles::from_attitude(&prescribed.attitude).yaw;
         }
-        motion
+        (motion, attitude)
+    }
+
+    /// The motion at `now`; a prescribed attitude turns on up to the tilt of this cosine, and is held there.
+    pub(super) fn motion(&self, now: Time, least_upright: f64) -> ReferenceMotion {
+        self.flown(now, least_upright).0
     }
 
     /// Whether velocity and acceleration lead to those of `next`, up to an acceleration of [`VELOCITY_MISMATCH`]. A planner whose
     /// derivatives are wrong would push the vehicle away.
     pub(super) fn leads_to(&self, next: &Self) -> bool {
         let dt_s = next.time.since(self.time).seconds();
-        let expected = self.motion(next.time);
+        let expected = self.extrapolated(next.time);
         let gap = |from: Vector4<f64>, to: Vector4<f64>| (to - from).xyz().norm();
         dt_s > 0.0
             && gap(expected.rate, next.motion.rate) <= VELOCITY_MISMATCH * dt_s
             && gap(expected.acceleration, next.motion.acceleration) <= ACCELERATION_MISMATCH * dt_s
     }
 
-    /// The prescribed attitude at `now`: it turns on up to the limit of the tilt, and is held there; `None` if none is prescribed.
-    fn attitude(&self, now: Time) -> Option<AttitudeReference> {
+    /// The prescribed attitude at `now`; `None` if none is prescribed.
+    fn attitude(&self, now: Time, least_upright: f64) -> Option<AttitudeReference> {
         let prescribed = self.attitude?;
         let after = |dt_s: f64| prescribed.attitude.turned_by(prescribed.rate.0 * dt_s);
         let (mut within_s, mut beyond_s) = (0.0, now.since(self.time).seconds());
-        if is_upright(&after(beyond_s), self.least_upright) {
+        if is_upright(&after(beyond_s), least_upright) {
             return Some(AttitudeReference { attitude: after(beyond_s), ..prescribed });
         }
         for _ in 0..BISECTIONS {
             let middle_s = 0.5 * (within_s + beyond_s);
-            let is_within = is_upright(&after(middle_s), self.least_upright);
+            let is_within = is_upright(&after(middle_s), least_upright);
             *(if is_within { &mut within_s } else { &mut beyond_s }) = middle_s;
         }
         Some(AttitudeReference::at_rest(after(within_s)))
     }
 
-    /// The reference at `now`.
-    pub(super) fn reference(&self, now: Time) -> Reference {
-        let reference = Reference { attitude: self.attitude(now), ..self.motion(now).reference() };
+    /// The reference at `now`, with the same limit of the tilt.
+    pub(super) fn reference(&self, now: Time, least_upright: f64) -> Reference {
+        let (motion, attitude) = self.flown(now, least_upright);
+        let reference = Reference { attitude, ..motion.reference() };
         match self.is_smooth {
             true => Reference { jerk: self.jerk, ..reference },
             false => Reference { acceleration: Vector3::zeros(), ..reference },

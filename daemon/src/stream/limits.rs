@@ -39,13 +39,13 @@ const INVALID_ATTITUDE: SetpointRefusal =
 /// Limits of a planner's references.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StreamLimits {
-    pub(super) speed_m_s: f64,
-    pub(super) acceleration_m_s2: f64,
-    pub(super) jump_m: f64,
-    pub(super) rate_rad_s: [f64; 3],
+    speed_m_s: f64,
+    acceleration_m_s2: f64,
+    jump_m: f64,
+    rate_rad_s: [f64; 3],
     /// Cosine of the greatest tilt of a prescribed attitude \[-\].
     pub(super) least_upright: f64,
-    pub(super) longest_validity: Span,
+    longest_validity: Span,
     /// Pause after which references are of another stream: within one validity, they are of one.
     pub(super) pause: Span,
 }
@@ -92,7 +92,6 @@ impl StreamLimits {
             jerk: message.jerk.into(),
             is_smooth: false,
             attitude: None,
-            least_upright: self.least_upright,
         };
         if kind == ReferenceKind::Attitude {
             reference.attitude = Some(self.attitude(message)?);
@@ -104,21 +103,22 @@ impl StreamLimits {
             }
             reference.jerk = Vector3::z() * reference.jerk.z;
         }
-        self.require_allowed(now, &reference, (present, room))?;
+        let flown = reference.motion(now, self.least_upright);
+        self.require_allowed(&flown, &reference, (present, room))?;
         // Derivatives do not bound the heading: the vehicle may not follow it.
-        let turn_rad = reference.motion(now).value.w - heading_rad;
+        let turn_rad = flown.value.w - heading_rad;
         require_turn("difference of its heading from that of the vehicle", turn_rad)?;
         Ok(reference)
     }
 
-    /// Requires that `reference` is within the limits, now and at the end of its validity.
+    /// Requires that `reference` is within the limits, in its motion `now` and at the end of its validity.
     fn require_allowed(
         &self,
-        now: Time,
+        now: &ReferenceMotion,
         reference: &FollowedReference,
         (present, room): (&ReferenceMotion, &StoppingRoom),
     ) -> Result<(), SetpointRefusal> {
-        let [now, end] = [now, reference.valid_until].map(|at| reference.motion(at));
+        let end = &reference.motion(reference.valid_until, self.least_upright);
         let jump_m = (now.value - present.value).xyz().norm();
         let jump = ("reference.jump-limit-m", self.jump_m);
         require(["distance from the present reference", "m"], jump_m, jump)?;
@@ -131,15 +131,16 @@ impl StreamLimits {
         require(["jerk", "m/s^3"], reference.jerk.norm(), jerk)?;
         let end_speed = ("2 x reference.speed-limit-m-s", END_SPEED * self.speed_m_s);
         require(["speed at the end of its validity", "m/s"], end.rate.xyz().norm(), end_speed)?;
-        self.require_heading(&now, present)?;
+        self.require_heading(now, present)?;
         let both = [now, end];
         if !both.iter().all(|motion| room.contains(&motion.value.xyz())) {
             return Err(SetpointRefusal::Invalid(NO_ROOM));
         }
         // A planner's acceleration may be wrong: the stop must not depend on it.
-        let has_stop =
-            |motion| room.has_stop(motion) && room.has_stop(&without_acceleration(motion));
-        both.iter().all(has_stop).then_some(()).ok_or(SetpointRefusal::Invalid(NO_STOP))
+        let has_stop = |motion: &ReferenceMotion| {
+            room.has_stop(motion) && room.has_stop(&without_acceleration(motion))
+        };
+        both.into_iter().all(has_stop).then_some(()).ok_or(SetpointRefusal::Invalid(NO_STOP))
     }
 
     /// Requires that the heading of the motion `now` does not jump: a law would lose the tilt over a large turn.
